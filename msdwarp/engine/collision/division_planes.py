@@ -30,7 +30,7 @@ from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
 from .contact_rules import ContactRules, unit_of_sums
-from .contact_surfaces import ContactSurfaces, keys_of_sides, side_keys
+from .contact_surfaces import ContactSurfaces, sides_between
 from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
@@ -299,21 +299,18 @@ def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int
     The parts of a facet are its corners (bits 0 to 2) and sides (3 to 5). The first facet around a vertex or edge
     owns it. A grain (a particle that is a facet) counts as an edge with two equal ends.
     """
-    corner = surfaces.corner
+    corner, (side, midpoint) = surfaces.corner, sides_between(surfaces)
     facets, triangle = len(corner), corner[:, 1] != corner[:, 2]
     numbers = np.flatnonzero(np.stack([np.ones(facets, dtype=bool), triangle, triangle], axis=1))
-    key, first_side = np.unique(keys_of_sides(surfaces).reshape(-1)[numbers], return_index=True)
+    _, first_side = np.unique(side.reshape(-1)[numbers], return_index=True)
     vertex, first_corner = np.unique(corner, return_index=True)
-    vertices = len(surfaces.particle)
     owned, points = np.zeros((facets, 6), dtype=np.int32), np.full((facets, 6), -1)
-    facet, part = np.divmod(np.append(first_corner, numbers[first_side]), 3)
-    part[len(vertex) :] += 3
-    owned[facet, part] = 1 << part
-    number, middles = np.full(len(key), -1), side_keys(surfaces, surfaces.ends[vertices:])
-    number[np.searchsorted(key, middles)] = vertices + np.arange(len(middles))
-    points[facet, part] = np.append(vertex, number)
-    edge = np.stack(np.divmod(key, vertices), axis=1)
-    return edge.astype(np.int32), owned.sum(axis=1), points.reshape(-1)
+    facet, k = np.divmod(numbers[first_side], 3)
+    edge = np.sort(np.stack([corner[facet, k], corner[facet, (k + 1) % 3]], axis=1), axis=1)
+    owned[facet, k + 3], points[facet, k + 3] = 8 << k, midpoint[facet, k]
+    facet, k = np.divmod(first_corner, 3)
+    owned[facet, k], points[facet, k] = 1 << k, vertex
+    return edge, owned.sum(axis=1), points.reshape(-1)
 
 
 def ranks(surfaces: ContactSurfaces, edge: NDArray[np.int32]) -> NDArray[np.int32]:
