@@ -22,7 +22,7 @@ from ..lanes import wait_for_lanes
 from ..records import table
 from .contact_data import BodyContactData, Substep
 from .force_sums import exert_force
-from .history import displacements, memories
+from .history import memories, recall
 from .law import TANGENTIAL, contact_law, triangles
 from .nearest_facet import nearest_facets
 from .neighbor_search import each_active_point
@@ -63,10 +63,10 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     Nearest = nearest_facets(scalar, lanes, worlds)[0]
     place_of, place_on, _ = places(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    moved_along = displacements(scalar)[1]
+    moved_along = recall(scalar)[1]
     exert, number_of = exert_force(scalar, lanes), table(scalar)
     (_, triangle_of, turn_by, spin_of), host_of = triangles(scalar), hosts_of_points(scalar)
-    crowd_share = crowding(scalar)[0]
+    damping_fraction = crowding(scalar)[0]
     zero, one, half, tangential = scalar(0.0), scalar(1.0), scalar(0.5), scalar(TANGENTIAL)
 
     @wp.func
@@ -89,8 +89,8 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         p = point.number
         # Slow memory is read early, even if no contact is found afterwards.
         v = data.surfaces.v
-        u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
-        mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
+        u = place_of(v, point.ends, point.fraction) - place_on(v, nearest.corner, nearest.w)
+        mobility = mobility_of(data.surfaces.mobility, point.ends, point.fraction)
         of_facet = zero
         for k in range(3):
             of_facet += nearest.w[k] * nearest.w[k] * number_of(data.surfaces.mobility, nearest.corner[k])
@@ -119,22 +119,22 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
             u_c = u
             if pair.friction > zero:
                 # Friction acts where the shells meet. A side that can take no couple has the point on itself.
-                share = half
+                fraction = half
                 if radius + other_radius > zero:
-                    share = radius / (radius + other_radius)
+                    fraction = radius / (radius + other_radius)
                 if mine.inverse == zero:
-                    share = zero
+                    fraction = zero
                 elif other.inverse == zero:
-                    share = one
-                arm = -share * gap * normal
+                    fraction = one
+                arm = -fraction * gap * normal
                 if other.inverse > zero:
-                    other_arm = (one - share) * gap * normal
+                    other_arm = (one - fraction) * gap * normal
                 u_c += wp.cross(turn_by(mine, spin_of(mine, v, host)), arm)
                 u_c -= wp.cross(turn_by(other, spin_of(other, v, nearest.corner)), other_arm)
             k_n, f_n, f_t, moved, fastest, u_n, u_t, slides = press(
                 pair,
                 point.density,
-                crowd_share(data, point, wp.static(int(measuring))),
+                damping_fraction(data, point, wp.static(int(measuring))),
                 mobility,
                 of_facet,
                 overlap,
@@ -168,7 +168,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
 
 def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
     Data, Step = BodyContactData(scalar), Substep(scalar)
-    place_on, point_of, held = places(scalar)[1], points(scalar)[1], displacements(scalar)[0]
+    place_on, point_of, held = places(scalar)[1], points(scalar)[1], recall(scalar)[0]
     _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
     bear = bearing(scalar, overlapping_at_start, measuring, lanes, worlds)
     _, no_memory, remember, keep, shrink_overlap = memories(scalar)

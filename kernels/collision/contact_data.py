@@ -10,7 +10,7 @@ from ..compensation import compensated_sum
 from ..effect import ForceTerm
 from ..records import table
 
-MOVED, WAY, NEAR_WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE = range(9)
+MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE = range(9)
 """Indices of flags: longest path of a vertex since the last search, less what its body may move beyond half of the
 skin [m]; longest path in a substep, of all vertices and of those of bodies near others; longest row; most bodies
 near one body; deepest overlap [m]; largest displacement that was prevented in a substep [m]. The first world also
@@ -72,7 +72,7 @@ def BodyContactData(scalar: type):
         inverse_mass: wp.array(dtype=scalar)  # of particles [1/kg], shape [particle_count]
         # Points:
         ends: wp.array(dtype=wp.vec2i)  # its two vertices, shape [point_count]
-        share: wp.array(dtype=scalar)  # weight of the second vertex
+        fraction: wp.array(dtype=scalar)  # how far it is from the first to the second: the weight of the second
         body: wp.array(dtype=int)  # its body
         density: wp.array(dtype=scalar)  # of the stiffness of a vertex, by its area
         crowd: wp.array(dtype=scalar)  # sum of the densities of all points around it

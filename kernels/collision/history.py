@@ -68,7 +68,7 @@ def memories(scalar: type):
 
 
 @functools.cache
-def displacements(scalar: type):
+def recall(scalar: type):
     """Compose (held, moved_along): a point's stored `Memory`; what it says of a body.
 
     That are the tangential displacement along the body [m] and the fastest approach [m/s], 0 without contact.

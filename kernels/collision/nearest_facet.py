@@ -14,7 +14,7 @@ from .contact_data import BodyContactData, Pair
 from .pairs import ALMOST, FAR, NONE, places, points
 
 UNLIKE = {wp.float32: 2.0**-12, wp.float64: 2.0**-30}
-"""How much squared distances count more, relatively: by a share for each facet, larger than their rounding.
+"""How much squared distances count more, relatively: by a fraction for each facet, larger than their rounding.
 
 Two facets are equally near where their common edge is nearest. Rounding must not choose between them, since the
 couple of friction is borne by the chosen one: the motion would depend on the last digit of every number.

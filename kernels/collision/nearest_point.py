@@ -16,12 +16,12 @@ def fraction_of_length(scalar: type):
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
-    def share(numerator: scalar, denominator: scalar) -> scalar:
+    def fraction(numerator: scalar, denominator: scalar) -> scalar:
         if denominator <= zero:
             return zero
         return wp.clamp(numerator / denominator, zero, one)
 
-    return share
+    return fraction
 
 
 @functools.cache
@@ -31,7 +31,7 @@ def nearest_on_triangle(scalar: type):
     Triangles may be segments (b = c) or points (a = b = c), as for ropes and grains.
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.5.
     """
-    V, share = vector(3, scalar), fraction_of_length(scalar)
+    V, fraction = vector(3, scalar), fraction_of_length(scalar)
     zero, one, flat = scalar(0.0), scalar(1.0), scalar(FLAT)
 
     @wp.func
@@ -39,12 +39,12 @@ def nearest_on_triangle(scalar: type):
         """Return the weights for collinear corners: the nearest point is on the longest edge."""
         bc = ac - ab
         if wp.length_sq(bc) > wp.max(wp.length_sq(ab), wp.length_sq(ac)):
-            t = share(wp.dot(bc, ap - ab), wp.length_sq(bc))
+            t = fraction(wp.dot(bc, ap - ab), wp.length_sq(bc))
             return V(zero, one - t, t)
         if wp.length_sq(ac) > wp.length_sq(ab):
-            t = share(wp.dot(ac, ap), wp.length_sq(ac))
+            t = fraction(wp.dot(ac, ap), wp.length_sq(ac))
             return V(one - t, zero, t)
-        t = share(wp.dot(ab, ap), wp.length_sq(ab))
+        t = fraction(wp.dot(ab, ap), wp.length_sq(ab))
         return V(one - t, t, zero)
 
     @wp.func
@@ -94,11 +94,11 @@ def nearest_on_segments(scalar: type):
     Segments may be points.
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.9.
     """
-    V, Shares, share = vector(3, scalar), wp.types.vector(2, scalar), fraction_of_length(scalar)
+    V, Weights, fraction = vector(3, scalar), wp.types.vector(2, scalar), fraction_of_length(scalar)
     zero, one, flat = scalar(0.0), scalar(1.0), scalar(FLAT)
 
     @wp.func
-    def nearest(a: V, b: V, c: V, d: V) -> Shares:
+    def nearest(a: V, b: V, c: V, d: V) -> Weights:
         ab = b - a
         cd = d - c
         ca = a - c
@@ -110,17 +110,17 @@ def nearest_on_segments(scalar: type):
         area = length * other_length - along * along
         s = zero
         if area > flat * length * other_length:
-            s = share(along * q - p * other_length, area)
+            s = fraction(along * q - p * other_length, area)
         t = zero
         if other_length > zero:
             t = (along * s + q) / other_length
         if t <= zero:
             t = zero
-            s = share(-p, length)
+            s = fraction(-p, length)
         elif t >= one:
             t = one
-            s = share(along - p, length)
-        return Shares(s, t)
+            s = fraction(along - p, length)
+        return Weights(s, t)
 
     return nearest
 
@@ -140,9 +140,9 @@ def shortest_line(scalar: type):
         weights = W()
         away = V()
         if edges:
-            shares = on_segments(V(), b, c, d)
-            s = shares[0]
-            t = shares[1]
+            found = on_segments(V(), b, c, d)
+            s = found[0]
+            t = found[1]
             weights = W(one - s, s, t - one, -t)
             away = s * b - (one - t) * c - t * d
         else:

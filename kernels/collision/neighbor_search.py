@@ -101,7 +101,7 @@ def find_candidates(scalar: type):
 
     @wp.func
     def is_candidate(data: Data, tree: FacetTree, p: int, around: scalar) -> bool:
-        place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.share[p]))
+        place = wp.vec3(place_of(data.surfaces.x, data.surfaces.ends[p], data.surfaces.fraction[p]))
         body = data.surfaces.body[p]
         found = overlap(place, place, tree.near_lower[body], tree.near_upper[body])
         if found:
@@ -318,7 +318,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         row = SearchedRow()
         row.point = p
         row.ends = data.surfaces.ends[p]
-        row.x = place_of(data.surfaces.x, row.ends, data.surfaces.share[p])
+        row.x = place_of(data.surfaces.x, row.ends, data.surfaces.fraction[p])
         row.mine = data.surfaces.body[p]
         row.buffer = buffer
         most = int(0)
@@ -359,7 +359,7 @@ def range_of_speeds(scalar: type, lanes: int):
         slow = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         while k < data.neighbors.active_count[0]:
             p = data.neighbors.active_points[k]
-            v = wp.vec3(place_of(data.surfaces.v, data.surfaces.ends[p], data.surfaces.share[p]))
+            v = wp.vec3(place_of(data.surfaces.v, data.surfaces.ends[p], data.surfaces.fraction[p]))
             fast = wp.max(fast, v)
             slow = wp.max(slow, -v)
             k += threads

@@ -22,8 +22,8 @@ which may increase."""
 
 
 @functools.cache
-def ways(scalar: type):
-    """Compose (place_of, way_towards, approach_of).
+def displacements(scalar: type):
+    """Compose (place_of, displacement_towards, approach_of).
 
     `place_of` returns a vertex's position. `displacement_towards` bounds its displacement against a normal [m]:
     each of its particles may be held back alone, so particles that move along the normal count as at rest.
@@ -50,11 +50,11 @@ def ways(scalar: type):
     def displacement_towards(
         pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V
     ) -> scalar:
-        way = scalar(0.0)  # each particle may make only a part of its displacement; weights may be negative
+        total = scalar(0.0)  # each particle may make only a part of its displacement; weights may be negative
         for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
             i = pairs.particle_of[s]
-            way += wp.max(scalar(0.0), -pairs.weight[s] * wp.dot(load(x_out, i) - load(x, i), normal))
-        return way
+            total += wp.max(scalar(0.0), -pairs.weight[s] * wp.dot(load(x_out, i) - load(x, i), normal))
+        return total
 
     @wp.func
     def approach_of(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int) -> scalar:
@@ -84,7 +84,7 @@ def measure_pairs(scalar: type, watched: bool):
     `find_alarm` has found that surfaces may meet.
     """
     V, Pairs, zero, shortest = vector(3, scalar), NearPairs(scalar), scalar(0.0), shortest_line(scalar)
-    (place_of, _, approach_of), (may_lose, may_approach) = ways(scalar), limits(scalar)
+    (place_of, _, approach_of), (may_lose, may_approach) = displacements(scalar), limits(scalar)
     rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
     @wp.func
@@ -161,8 +161,8 @@ def measure_pairs(scalar: type, watched: bool):
                 allowed = may_lose(pairs, k, gap, activation)
                 if approach > allowed:
                     pairs.alarm[0] = 1
-                reserve = wp.min(allowed, may_approach(gap, pairs.least[k], activation)) - approach
-                if reserve - pairs.least[k] <= scalar(wp.static(1.001 * WATCHED)) * activation:
+                slack = wp.min(allowed, may_approach(gap, pairs.least[k], activation)) - approach
+                if slack - pairs.least[k] <= scalar(wp.static(1.001 * WATCHED)) * activation:
                     pairs.watched[count_up(pairs.watched_count, 0)] = k
             k = next_of_part(k, threads, parts)
 

@@ -61,11 +61,11 @@ def find_violations(scalar: type):
     @wp.func
     def displacement_of(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int) -> V:
         """Return the displacement of vertex v in the substep [m]."""
-        way = V()
+        total = V()
         for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
             i = pairs.particle_of[s]
-            way += pairs.weight[s] * (load(x_out, i) - load(x, i))
-        return way
+            total += pairs.weight[s] * (load(x_out, i) - load(x, i))
+        return total
 
     @wp.func
     def violation(pairs: Pairs, motion: Moving, k: int):
@@ -163,8 +163,8 @@ def push_pairs(scalar: type):
             v = vertex_of(vertices, m)
             for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
                 i = pairs.particle_of[s]
-                share = weights[m] * pairs.weight[s]
-                mobility += share * share * scalar(pairs.pushes[i]) * pairs.inverse_mass[i]
+                weight = weights[m] * pairs.weight[s]
+                mobility += weight * weight * scalar(pairs.pushes[i]) * pairs.inverse_mass[i]
         if mobility == zero:
             return
         impulse = change / mobility * pairs.normal[k]

@@ -42,9 +42,9 @@ def places(scalar: type):
     V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
 
     @wp.func
-    def place_of(x: wp.array(dtype=V), ends: wp.vec2i, share: scalar) -> V:
+    def place_of(x: wp.array(dtype=V), ends: wp.vec2i, fraction: scalar) -> V:
         first = load(x, ends[0])
-        return first + share * (load(x, ends[1]) - first)
+        return first + fraction * (load(x, ends[1]) - first)
 
     @wp.func
     def place_on(x: wp.array(dtype=V), corner: wp.vec3i, w: V) -> V:
@@ -90,10 +90,10 @@ def pairs(scalar: type):
             pair.stiffness = scalar(2.0) * a * b / (a + b)
         pair.damping = data.rules.damping[rule]
         pair.hysteresis = data.rules.hysteresis[rule]
-        apart = data.surfaces.spacing[mine]
-        if apart <= scalar(0.0):
-            apart = pair.thickness
-        ratio = data.surfaces.spacing[other] / apart
+        spacing = data.surfaces.spacing[mine]
+        if spacing <= scalar(0.0):
+            spacing = pair.thickness
+        ratio = data.surfaces.spacing[other] / spacing
         pair.crowd = wp.max(scalar(1.0), ratio * ratio)
         pair.friction = data.rules.friction[rule]
         return pair
@@ -112,7 +112,7 @@ def points(scalar: type):
         number: int
         body: int
         ends: wp.vec2i  # the two vertices between which it lies
-        share: scalar  # weight of the second vertex
+        fraction: scalar  # weight of the second vertex
         density: scalar  # of the stiffness of a vertex
         host: int  # a triangle that it lies on; below 0: none
         x: V  # [m]
@@ -123,10 +123,10 @@ def points(scalar: type):
         point.number = p
         point.body = body_of(data.surfaces.body, p)
         point.ends = ends_of(data.surfaces.ends, p)
-        point.share = number_of(data.surfaces.share, p)
+        point.fraction = number_of(data.surfaces.fraction, p)
         point.density = number_of(data.surfaces.density, p)
         point.host = body_of(data.surfaces.host, p)
-        point.x = place_of(data.surfaces.x, point.ends, point.share)
+        point.x = place_of(data.surfaces.x, point.ends, point.fraction)
         return point
 
     @wp.func
@@ -141,34 +141,34 @@ def points(scalar: type):
 
 @functools.cache
 def crowding(scalar: type):
-    """Compose (crowd_share, count_touching): the share of a point in what touches around it.
+    """Compose (damping_fraction, count_touching): the part of a point in the dampers of what touches around it.
 
-    `crowd_share` returns the point's density, times that of all points around it over that of those which touched
-    in the substep before; between substeps (`measuring`) in the last. `count_touching` adds the point to the sums
-    of this substep.
+    `damping_fraction` returns the point's density, times that of all points around it over that of those which
+    touched in the substep before; between substeps (`measuring`) in the last. `count_touching` adds the point to
+    the sums of this substep.
     """
     Data, Point = BodyContactData(scalar), points(scalar)[0]
     one, whole, number_of = scalar(1.0), scalar(WHOLE), table(scalar)
 
     @wp.func
-    def crowd_share(data: Data, point: Point, measuring: int) -> scalar:
+    def damping_fraction(data: Data, point: Point, measuring: int) -> scalar:
         at = 1 - measuring
         first = scalar(data.surfaces.touching[point.ends[0], at])
         second = scalar(data.surfaces.touching[point.ends[1], at])
-        touching = (first + point.share * (second - first)) / whole
+        touching = (first + point.fraction * (second - first)) / whole
         touching = wp.max(wp.max(point.density, touching), scalar(1.0e-9))  # of a flat triangle it may be 0
         return point.density * number_of(data.surfaces.crowd, point.number) / touching
 
     @wp.func
     def count_touching(data: Data, point: Point, parts: int):
-        first = wp.int64(whole * (one - point.share) * point.density)
+        first = wp.int64(whole * (one - point.fraction) * point.density)
         add_whole(data.surfaces.touching, point.ends[0], 0, first, parts)
-        if point.share > scalar(0.0):
+        if point.fraction > scalar(0.0):
             add_whole(
-                data.surfaces.touching, point.ends[1], 0, wp.int64(whole * point.share * point.density), parts
+                data.surfaces.touching, point.ends[1], 0, wp.int64(whole * point.fraction * point.density), parts
             )
 
-    return crowd_share, count_touching
+    return damping_fraction, count_touching
 
 
 @functools.cache
@@ -183,7 +183,7 @@ def hosts_of_points(scalar: type):
     @wp.func
     def host_of(data: Data, point: Point):
         corner = wp.vec3i(point.ends[0], point.ends[1], point.ends[1])
-        w = V(one - point.share, point.share, zero)
+        w = V(one - point.fraction, point.fraction, zero)
         if point.host >= 0:
             host = corner_of(data.surfaces.corner, point.host)
             if host[1] != host[2]:  # else it has torn
@@ -191,9 +191,9 @@ def hosts_of_points(scalar: type):
                 w = V()
                 for k in range(3):
                     if corner[k] == point.ends[1]:
-                        w[k] = point.share
+                        w[k] = point.fraction
                     if corner[k] == point.ends[0]:
-                        w[k] = one - point.share
+                        w[k] = one - point.fraction
         return corner, w
 
     return host_of

@@ -10,7 +10,7 @@ from ..records import records
 from .contact_data import HISTORY, BodyContactData, Substep
 from .facet_tree import FacetTree
 from .force_sums import Units, exert_on_segments
-from .history import displacements, memories
+from .history import memories, recall
 from .law import contact_law
 from .nearest_point import fraction_of_length
 from .neighbor_search import each_active_point, each_search_point, row_end
@@ -34,7 +34,7 @@ def evaluate_segments_and_spheres(
     (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar)
     Memory, no_memory, remember, keep, shrink_overlap = memories(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    (held, moved_along), (crowd_share, count_touching) = displacements(scalar), crowding(scalar)
+    (held, moved_along), (damping_fraction, count_touching) = recall(scalar), crowding(scalar)
     in_units, take_from = exert_on_segments(scalar)
     load, fraction = records(3, scalar).load, fraction_of_length(scalar)
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
@@ -115,7 +115,7 @@ def evaluate_segments_and_spheres(
                 corner = data.surfaces.corner[facet % wp.static(NONE)]  # facet 0 if there is none
                 w = V(one - t, t, zero)
                 away = point.x - place_on(data.surfaces.x, corner, w)
-                u = place_of(data.surfaces.v, point.ends, point.share) - place_on(data.surfaces.v, corner, w)
+                u = place_of(data.surfaces.v, point.ends, point.fraction) - place_on(data.surfaces.v, corner, w)
                 gap = wp.sqrt(best)
                 normal = V()
                 if gap > zero:
@@ -126,7 +126,7 @@ def evaluate_segments_and_spheres(
                 mobility = zero
                 of_facet = zero
                 if overlap > zero:  # memory is read only in contact: most listed facets are not
-                    mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
+                    mobility = mobility_of(data.surfaces.mobility, point.ends, point.fraction)
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
                     of_facet += t * t * data.surfaces.mobility[corner[1]]
                     mobility += of_facet
@@ -135,7 +135,7 @@ def evaluate_segments_and_spheres(
                     k_n, f_n, f_t, moved, fastest, _u_n, _u_t, _slides = press(
                         pair,
                         point.density,
-                        crowd_share(data, point, 0),
+                        damping_fraction(data, point, 0),
                         mobility,
                         of_facet,
                         overlap,
@@ -152,7 +152,7 @@ def evaluate_segments_and_spheres(
                     total += units
                     record(data, p, pair.mine, k_n, overlap, step, flags)
                     memory = remember(memory, pair.other, moved, fastest)
-        take_from(data.surfaces.force, point.ends[0], point.ends[1], point.share, -total, step.parts)
+        take_from(data.surfaces.force, point.ends[0], point.ends[1], point.fraction, -total, step.parts)
         memory = least_of_all(memory)
         if lane == 0:
             if step.h > zero or data.history.contact_body[0, p] < 0:  # as in `body_contact`

@@ -9,7 +9,7 @@ from ..compensation import compensated_sum
 from ..partition import first_of_part, next_of_part, raise_to
 from ..records import records, table
 from ..threads import grid_thread
-from .contact_data import DUE, FORCED, MOVED, NEAR_WAY, WAY, BodyContactData, NearPairs, first_flag
+from .contact_data import DUE, FORCED, MOVED, NEAR_PATH, PATH, BodyContactData, NearPairs, first_flag
 
 
 @functools.cache
@@ -71,11 +71,11 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             if not (moved <= data.neighbors.moved[body]):
                 raise_to(data.neighbors.moved, body, moved)
             at = first_of(data, body)
-            if not (h * fast <= flags[at + wp.static(WAY)]):
-                raise_to(flags, at + wp.static(WAY), h * fast)
+            if not (h * fast <= flags[at + wp.static(PATH)]):
+                raise_to(flags, at + wp.static(PATH), h * fast)
             near = data.neighbors.body_pair_count[body] > 0
-            if near and not (h * fast <= flags[at + wp.static(NEAR_WAY)]):
-                raise_to(flags, at + wp.static(NEAR_WAY), h * fast)
+            if near and not (h * fast <= flags[at + wp.static(NEAR_PATH)]):
+                raise_to(flags, at + wp.static(NEAR_PATH), h * fast)
             if data.neighbors.due[0] != wp.static(FORCED):
                 slack = data.neighbors.slack[body]
                 beside = moved - slack + 0.5 * skin
@@ -100,7 +100,7 @@ class TearingFacets:
     owned: wp.array(dtype=int)  # see `NearPairs`
     # Points, shape [point_count]:
     along: wp.array(dtype=int)  # the spring that it lies on, below 0: none
-    share: wp.array(dtype=wp.float64)
+    fraction: wp.array(dtype=wp.float64)
 
 
 @functools.cache
@@ -136,9 +136,9 @@ def leave_out_torn(scalar: type):
                     pairs.owned[i] = owned
                     data.neighbors.due[0] = wp.static(FORCED)
             if i < tearing.along.shape[0]:
-                data.surfaces.share[i] = scalar(tearing.share[i])
+                data.surfaces.fraction[i] = scalar(tearing.fraction[i])
                 if is_broken(tearing, tearing.along[i]):
-                    data.surfaces.share[i] = scalar(0.0)
+                    data.surfaces.fraction[i] = scalar(0.0)
             i = next_of_part(i, threads, parts)
 
     return leave_out

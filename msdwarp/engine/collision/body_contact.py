@@ -65,7 +65,7 @@ class BodyContact(WithHistory):
         data = self._data = BodyContactData(scalar)()
         self.rules.upload(data.rules, model, each)
         surfaces.upload(data.surfaces, model, each, self.rules.hops(on_host))
-        self._points = model.worlds * len(on_host.share)
+        self._points = model.worlds * len(on_host.ends)
         self.set_up_history(model, data.history, self._points, "touch", {"fastest": scalar})
         thickness, stiffness, units = self.rules.thickness, self.rules.stiffness, []
         thickest = 0.0
@@ -217,7 +217,7 @@ class BodyContact(WithHistory):
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: further threads would only start and end
         kernel = self._kernel(measuring)
-        self.neighbors.share(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
+        self.neighbors.launch_parts(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def _kernel(self, measuring: bool) -> Any:
         """Return the kernel that `_evaluate` launches."""
@@ -272,10 +272,10 @@ class BodyContact(WithHistory):
         """Sum the densities of points that touch as kernels do, see `kernels.collision.pairs.crowding`."""
         data = self._data.surfaces
         those = self._data.history.contact_body.numpy()[0] >= 0
-        ends, second, density = (one.numpy()[those] for one in (data.ends, data.share, data.density))
+        ends, second, density = (one.numpy()[those] for one in (data.ends, data.fraction, data.density))
         touching = np.zeros(data.touching.shape, dtype=np.int64)
-        for end, share in ((0, 1 - second), (1, second)):
-            np.add.at(touching[:, 0], ends[:, end], (WHOLE * share * density).astype(np.int64))
+        for end, weight in ((0, 1 - second), (1, second)):
+            np.add.at(touching[:, 0], ends[:, end], (WHOLE * weight * density).astype(np.int64))
         data.touching.assign(touching)
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
@@ -283,7 +283,7 @@ class BodyContact(WithHistory):
         surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
         if not self._model.in_worlds:
             return [arrays]
-        points, bodies = len(surfaces.share), len(surfaces.solid)
+        points, bodies = len(surfaces.ends), len(surfaces.solid)
         for world in range(self._model.worlds):
             own = {name: values[:, world * points : (world + 1) * points] for name, values in arrays.items()}
             contact_body = own["touch.partner"]

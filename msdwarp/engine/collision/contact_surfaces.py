@@ -34,8 +34,8 @@ class ContactSurfaces:
         """Stiffness of each point as a fraction of that of an independent vertex, in proportion to its area."""
         self.around = np.zeros(len(surfaces.particle))
         """Sum of this at each vertex, over the points around it."""
-        np.add.at(self.around, surfaces.ends[:, 0], self.density * (1 - surfaces.share))
-        np.add.at(self.around, surfaces.ends[:, 1], self.density * surfaces.share)
+        np.add.at(self.around, surfaces.ends[:, 0], self.density * (1 - surfaces.fraction))
+        np.add.at(self.around, surfaces.ends[:, 1], self.density * surfaces.fraction)
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
         """Fill the struct that kernels read; each body has no self-contact within its number `hops` of edges."""
@@ -60,11 +60,14 @@ class ContactSurfaces:
         mass = np.full((len(model.row_of("mass")), model.stride), np.inf)
         mass[:, : model.particle_count] = model.row_of("mass")
         data.inverse_mass = each.by_row(1.0 / mass, scalar)
-        data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
+        data.ends, data.fraction = (
+            each.alike(surfaces.ends, wp.vec2i, vertices),
+            each.alike(surfaces.fraction, scalar),
+        )
         data.body = each.alike(self.body_of_point, int, bodies)
         data.density = each.alike(self.density, scalar)
         first, second = self.around[surfaces.ends].T
-        data.crowd = each.alike(first + surfaces.share * (second - first), scalar)
+        data.crowd = each.alike(first + surfaces.fraction * (second - first), scalar)
         host = hosts(surfaces, self._midpoint)
         data.host = each.alike(np.where(host < 0, -(2**30), host), int, len(surfaces.corner))  # below 0 in all
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)

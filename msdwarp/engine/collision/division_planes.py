@@ -93,7 +93,7 @@ class DivisionPlanes(Effect):
         edge, owned, points = edges(on_host)
         vertices, particles = len(on_host.particle), model.worlds * model.stride
         data.edge, data.owned = each.alike(edge, wp.vec2i, vertices), each.alike(owned, int)
-        data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.share))  # below 0 in all
+        data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.ends))  # below 0 in all
         data.rank = each.alike(ranks(surfaces, edge), int)
         data.first_particle, data.particle_of, data.weight = drawn.first, drawn.particle, drawn.weight
         data.mobility, data.body_of, data.tangled = drawn.mobility, drawn.body_of, drawn.tangled
@@ -183,7 +183,7 @@ class DivisionPlanes(Effect):
         lanes = 1 if self._grains else neighbors.lanes
         threads = self._searching or lanes * len(neighbors.tree.facet)
         inputs = [self._contact, neighbors.tree, data, neighbors.buffer, self.activation]
-        neighbors.share(self._find_pairs(), threads, inputs, [neighbors.flags])
+        neighbors.launch_parts(self._find_pairs(), threads, inputs, [neighbors.flags])
 
     def start(self) -> None:
         """Exclude surfaces that cross each other at the start, until they have separated."""
@@ -195,14 +195,14 @@ class DivisionPlanes(Effect):
         pairs, neighbors = self.pairs, self.neighbors
         pairs.tangled.zero_()
         inputs, lanes = [self._contact, neighbors.tree, pairs], neighbors.lanes
-        neighbors.share(find_tangles(self._model.scalar, lanes), lanes * len(pairs.edge), inputs, [])
+        neighbors.launch_parts(find_tangles(self._model.scalar, lanes), lanes * len(pairs.edge), inputs, [])
 
     def watch(self) -> None:
         """Launch the test whether surfaces may come so near that their pairs must be kept apart."""
         if self.may_sleep:
             kernel, neighbors = find_alarm(self._model.scalar), self.neighbors
             inputs = [self._contact, self.pairs, self.activation, neighbors.dt]
-            neighbors.share(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
+            neighbors.launch_parts(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch the kernels that keep near pairs apart, at the end of a substep.
@@ -216,7 +216,7 @@ class DivisionPlanes(Effect):
                 inputs = [self.pairs, before.x, steps.dt, self.least_gap]
                 neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
             measured = [self.pairs, before.x, after.x, self.least_gap, self.activation]
-            neighbors.share(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
+            neighbors.launch_parts(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
             self._keep_apart(before, after)
         if substep + 1 == steps.substeps:  # otherwise the next substep tests it
             neighbors.place(after.x, after.v, after.compensation)
