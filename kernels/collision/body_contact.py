@@ -35,22 +35,6 @@ DOUBT = 0.01
 
 
 @functools.cache
-def evaluate_contact(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel that sums the contact forces of points; each point has `lanes` threads.
-
-    If shells of bodies overlap at the start (`overlapping_at_start`), only the excess over an allowed overlap
-    counts. The allowance shrinks to 0, so that bodies are moved apart slowly and not thrown.
-    """
-    return _each_point(scalar, overlapping_at_start, False, lanes, worlds)
-
-
-@functools.cache
-def contact_energy(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel that computes the energy that contacts store [J] and the power they dissipate [W]."""
-    return _each_point(scalar, overlapping_at_start, True, lanes, worlds)
-
-
-@functools.cache
 def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
     """Compose the function that adds the force of one contact to its vertices.
 
@@ -166,7 +150,16 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     return bear
 
 
-def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
+@functools.cache
+def evaluate_contact(
+    scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False, measuring: bool = False
+):
+    """Compose the kernel that sums the contact forces of points; each point has `lanes` threads.
+
+    If `measuring`, it computes the energy that contacts store [J] and the power that they dissipate [W]. If shells
+    of bodies overlap at the start (`overlapping_at_start`), only the excess over an allowed overlap counts. The
+    allowance shrinks to 0, so that bodies are moved apart slowly and not thrown.
+    """
     Data, Step = BodyContactData(scalar), Substep(scalar)
     place_on, point_of, held = places(scalar)[1], points(scalar)[1], recall(scalar)[0]
     _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import contact_surfaces
-from ...kernels.collision.body_contact import contact_energy, evaluate_contact
+from ...kernels.collision.body_contact import evaluate_contact
 from ...kernels.collision.contact_data import DEEPEST, FLAGS, HELD_BACK, WHOLE, BodyContactData, body_contact_term
 from ...kernels.collision.force_sums import add_impulses
 from ...kernels.collision.neighbor_search import (
@@ -225,7 +225,7 @@ class BodyContact(WithHistory):
         triangles = surfaces.triangles or measuring
         composed = model.scalar, self.overlapping_at_start, self.lanes(triangles), model.in_worlds
         if triangles:
-            return (contact_energy if measuring else evaluate_contact)(*composed)
+            return evaluate_contact(*composed, measuring)
         return evaluate_segments_and_spheres(*composed, surfaces.grains)
 
     def add_up(self, seconds: float) -> None:
@@ -296,13 +296,9 @@ class BodyContact(WithHistory):
         """The unit in which the forces of each world of an ensemble are summed [N], shape [worlds]."""
         return self._data.surfaces.unit
 
-    def blocks_of(self, worlds: int) -> NDArray[np.float64]:
-        """Return additions to diagonal blocks of K [N/m], shape [worlds, particle_count]."""
-        return self.blocks[np.arange(worlds) % len(self.blocks)]
-
-    def add_blocks_of_worlds(self, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks_of_worlds(self, stiffness: wp.array) -> None:
         """Add the blocks of `add_blocks` for all worlds that differ, shape [different, particle_count]."""
-        each = self.blocks_of(len(stiffness))
+        each = self.blocks[np.arange(len(stiffness)) % len(self.blocks)]
         stiffness.assign(stiffness.numpy() + each[..., None, None] * np.eye(self._model.dim))
 
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:

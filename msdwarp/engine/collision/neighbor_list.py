@@ -107,12 +107,14 @@ class NeighborList:
         scalar, device = model.scalar, model.device
         bodies, self._points = model.worlds * len(on_host.solid), model.worlds * len(on_host.ends)
         self.farthest = thickest
+        """The largest distance of any contact [m]."""
         spacing = on_host.spacing[on_host.spacing > 0]
         spacings = SPACINGS_OF_SKIN_ON_GPU if device.is_cuda else SPACINGS_OF_SKIN
         least_spacing = float(spacing.min()) if len(spacing) else 0.0
         self._widest = max(WIDEST_SKIN * thickest, spacings * least_spacing)
         self._least_skin = LEAST_SKIN * thickest
-        self._longest_path = LONGEST_PATH * max(thickest, float(spacing.max(initial=0.0)))
+        self.longest_path = LONGEST_PATH * max(thickest, float(spacing.max(initial=0.0)))
+        """A body has diverged, or is too fast for contact, if it moves further in a substep [m]."""
         self._skin_now = self._least_skin
         self.too_far = 0.0
         """The longest path of a vertex in a substep of the last frame [m], if it was too long; else 0."""
@@ -156,10 +158,8 @@ class NeighborList:
         """Binary tree of the boxes around facets, if single threads search."""
         self._bodies: wp.Bvh | None = None
         """Tree of the boxes around bodies, if there are many."""
-        self.planes, many_bodies = (
-            planes,
-            len(on_host.solid) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES),
-        )
+        self.planes = planes
+        many_bodies = len(on_host.solid) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES)
         note = model.kernels.note
         self._begin_search, self._find_candidates = note(begin_search(scalar)), note(find_candidates(scalar))
         self._box_facets = note(box_facets(scalar, self._warp))
@@ -225,7 +225,7 @@ class NeighborList:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
         ahead = (self.check_every + LEAST_ALLOWANCE) * self.dt if checks else 0.0
-        inputs = [contact, compensation, x, v, after, self.dt, ahead, self.buffer, self._longest_path, int(begins)]
+        inputs = [contact, compensation, x, v, after, self.dt, ahead, self.buffer, self.longest_path, int(begins)]
         self.launch_parts(kernel, len(contact.surfaces.x), inputs, [self.flags])
 
     def search(
@@ -253,11 +253,6 @@ class NeighborList:
     def invalidate(self) -> None:
         """Make the next evaluation of forces rebuild the lists, since positions have changed."""
         self.data.due.fill_(FORCED)
-
-    @property
-    def margins(self) -> tuple[float, float]:
-        """Argument `beyond` of `place_vertices`, and the largest distance of any contact [m]."""
-        return self._longest_path, self.farthest
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and enlarge the lists until all fit."""
@@ -318,9 +313,9 @@ class NeighborList:
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
         self.active, pairs = (int(flags[0, one]) for one in (ACTIVE, PAIRS))
-        fast = counts & (flags[:, PATH] >= self._longest_path)
+        fast = counts & (flags[:, PATH] >= self.longest_path)
         self.too_far = float(flags[fast, PATH].max(initial=0.0))
-        flags = flags[counts & (flags[:, PATH] < self._longest_path)]
+        flags = flags[counts & (flags[:, PATH] < self.longest_path)]
         if not len(flags):
             return False
         highest = flags.max(axis=0)[[MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS]]
