@@ -87,6 +87,18 @@ def least_of_lanes(kind: type, lanes: int):
 
 
 @functools.cache
+def lowest_of_lanes(lanes: int):
+    """Compose the minimum of each coordinate of a vector over the threads of a point; all threads must call it."""
+    least = least_of_lanes(wp.float32, lanes)
+
+    @wp.func
+    def lowest(x: wp.vec3) -> wp.vec3:
+        return wp.vec3(least(x[0]), least(x[1]), least(x[2]))
+
+    return lowest
+
+
+@functools.cache
 def wait_for_lanes(lanes: int):
     """Compose () -> None, which returns when all threads of a point have called it.
 

@@ -22,7 +22,7 @@ from ..lanes import wait_for_lanes
 from ..records import table
 from .contact_data import BodyContactData, Substep
 from .force_sums import exert_force
-from .history import displacements, memories
+from .history import memories, recall
 from .law import TANGENTIAL, contact_law, triangles
 from .nearest_facet import nearest_facets
 from .neighbor_search import each_active_point
@@ -35,38 +35,22 @@ DOUBT = 0.01
 
 
 @functools.cache
-def evaluate_contact(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel that sums the contact forces of points; each point has `lanes` threads.
-
-    If shells of bodies overlap at the start (`overlapping_at_start`), only the excess over an allowed overlap
-    counts. The allowance shrinks to 0, so that bodies are moved apart slowly and not thrown.
-    """
-    return _each_point(scalar, overlapping_at_start, False, lanes, worlds)
-
-
-@functools.cache
-def contact_energy(scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False):
-    """Compose the kernel that computes the energy that contacts store [J] and the power they dissipate [W]."""
-    return _each_point(scalar, overlapping_at_start, True, lanes, worlds)
-
-
-@functools.cache
 def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
     """Compose the function that adds the force of one contact to its vertices.
 
     It returns whether there is a force, the tangential displacement [m], the fastest approach in this contact
     [m/s], and, if `measuring`, the stored energy [J] and the dissipated power [W].
     """
-    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
-    (Point, _, mobility_of), PointAndBody = points(scalar, worlds), Pair(scalar)
-    Memory = memories(scalar, worlds)[0]
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar), Substep(scalar)
+    (Point, _, mobility_of), PointAndBody = points(scalar), Pair(scalar)
+    Memory = memories(scalar)[0]
     Nearest = nearest_facets(scalar, lanes, worlds)[0]
     place_of, place_on, _ = places(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    moved_along = displacements(scalar, worlds)[1]
+    moved_along = recall(scalar)[1]
     exert, number_of = exert_force(scalar, lanes), table(scalar)
-    (_, triangle_of, turn_by, spin_of), host_of = triangles(scalar), hosts_of_points(scalar, worlds)
-    crowd_share = crowding(scalar, worlds)[0]
+    (_, triangle_of, turn_by, spin_of), host_of = triangles(scalar), hosts_of_points(scalar)
+    damping_fraction = crowding(scalar)[0]
     zero, one, half, tangential = scalar(0.0), scalar(1.0), scalar(0.5), scalar(TANGENTIAL)
 
     @wp.func
@@ -89,8 +73,8 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         p = point.number
         # Slow memory is read early, even if no contact is found afterwards.
         v = data.surfaces.v
-        u = place_of(v, point.ends, point.share) - place_on(v, nearest.corner, nearest.w)
-        mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
+        u = place_of(v, point.ends, point.fraction) - place_on(v, nearest.corner, nearest.w)
+        mobility = mobility_of(data.surfaces.mobility, point.ends, point.fraction)
         of_facet = zero
         for k in range(3):
             of_facet += nearest.w[k] * nearest.w[k] * number_of(data.surfaces.mobility, nearest.corner[k])
@@ -119,22 +103,22 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
             u_c = u
             if pair.friction > zero:
                 # Friction acts where the shells meet. A side that can take no couple has the point on itself.
-                share = half
+                fraction = half
                 if radius + other_radius > zero:
-                    share = radius / (radius + other_radius)
+                    fraction = radius / (radius + other_radius)
                 if mine.inverse == zero:
-                    share = zero
+                    fraction = zero
                 elif other.inverse == zero:
-                    share = one
-                arm = -share * gap * normal
+                    fraction = one
+                arm = -fraction * gap * normal
                 if other.inverse > zero:
-                    other_arm = (one - share) * gap * normal
+                    other_arm = (one - fraction) * gap * normal
                 u_c += wp.cross(turn_by(mine, spin_of(mine, v, host)), arm)
                 u_c -= wp.cross(turn_by(other, spin_of(other, v, nearest.corner)), other_arm)
             k_n, f_n, f_t, moved, fastest, u_n, u_t, slides = press(
                 pair,
                 point.density,
-                crowd_share(data, point, wp.static(int(measuring))),
+                damping_fraction(data, point, wp.static(int(measuring))),
                 mobility,
                 of_facet,
                 overlap,
@@ -166,13 +150,22 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     return bear
 
 
-def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
-    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
-    place_on, point_of, held = places(scalar)[1], points(scalar, worlds)[1], displacements(scalar, worlds)[0]
+@functools.cache
+def evaluate_contact(
+    scalar: type, overlapping_at_start: bool, lanes: int, worlds: bool = False, measuring: bool = False
+):
+    """Compose the kernel that sums the contact forces of points; each point has `lanes` threads.
+
+    If `measuring`, it computes the energy that contacts store [J] and the power that they dissipate [W]. If shells
+    of bodies overlap at the start (`overlapping_at_start`), only the excess over an allowed overlap counts. The
+    allowance shrinks to 0, so that bodies are moved apart slowly and not thrown.
+    """
+    Data, Step = BodyContactData(scalar), Substep(scalar)
+    place_on, point_of, held = places(scalar)[1], points(scalar)[1], recall(scalar)[0]
     _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
     bear = bearing(scalar, overlapping_at_start, measuring, lanes, worlds)
-    _, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
-    wait, count_touching, zero = wait_for_lanes(lanes), crowding(scalar, worlds)[1], scalar(0.0)
+    _, no_memory, remember, keep, shrink_overlap = memories(scalar)
+    wait, count_touching, zero = wait_for_lanes(lanes), crowding(scalar)[1], scalar(0.0)
 
     @wp.func
     def evaluate_point(
@@ -233,4 +226,4 @@ def _each_point(scalar: type, overlapping_at_start: bool, measuring: bool, lanes
                 if wp.static(overlapping_at_start):
                     shrink_overlap(data, p, step.h)
 
-    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=not measuring)
+    return each_active_point(evaluate_point, scalar, lanes, counts_time=not measuring)

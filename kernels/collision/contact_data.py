@@ -10,7 +10,7 @@ from ..compensation import compensated_sum
 from ..effect import ForceTerm
 from ..records import table
 
-MOVED, WAY, NEAR_WAY, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE, NEAR_FACETS = range(10)
+MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE, NEAR_FACETS = range(10)
 """Indices of flags: longest path of a vertex since the last search, less what its body may move beyond half of the
 skin [m]; longest path in a substep, of all vertices and of those of bodies near others; longest row; most bodies
 near one body; deepest overlap [m]; largest displacement that was prevented in a substep [m]. The first world also
@@ -45,12 +45,12 @@ def Pair(scalar: type):
 
 
 @functools.cache
-def BodyContactData(scalar: type, worlds: bool = False):
+def BodyContactData(scalar: type):
     """Compose the struct of contact between bodies. Four host classes fill its parts.
 
     A vertex is a weighted mean of particles. A contact point is a vertex (its two ends are the same) or lies on an
     edge between two vertices. A facet is a triangle, or a segment of a rope, or a grain, which is one particle. In
-    an ensemble (`worlds`) the bodies of all worlds are concatenated, as are vertices, points and facets.
+    an ensemble the bodies of all worlds are concatenated, as are vertices, points and facets.
     """
     V, PointAndBody = vector(3, scalar), Pair(scalar)
 
@@ -73,7 +73,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         inverse_mass: wp.array(dtype=scalar)  # of particles [1/kg], shape [particle_count]
         # Points:
         ends: wp.array(dtype=wp.vec2i)  # its two vertices, shape [point_count]
-        share: wp.array(dtype=scalar)  # weight of the second vertex
+        fraction: wp.array(dtype=scalar)  # how far it is from the first to the second: the weight of the second
         body: wp.array(dtype=int)  # its body
         density: wp.array(dtype=scalar)  # of the stiffness of a vertex, by its area
         crowd: wp.array(dtype=scalar)  # sum of the densities of all points around it
@@ -86,9 +86,9 @@ def BodyContactData(scalar: type, worlds: bool = False):
         stiffness: wp.array(dtype=scalar)  # of a contact with an equal body [N/m]
         radius: wp.array(dtype=scalar)  # half of its thickness [m]
         spacing: wp.array(dtype=scalar)  # of its vertices [m]; 0 for a grain
-        if worlds:
-            bodies_each: int  # bodies of a world
-            unit: wp.array(dtype=wp.float64)  # of the forces in each world [N], shape [world_count]
+        # Of an ensemble alone:
+        bodies_each: int  # bodies of a world
+        unit: wp.array(dtype=wp.float64)  # of the forces in each world [N], shape [world_count]
 
     @wp.struct
     class ContactRules:
@@ -129,8 +129,7 @@ def BodyContactData(scalar: type, worlds: bool = False):
         body_pairs: wp.array2d(dtype=int)  # bodies that may touch each now, in any order, shape [body_count, room]
         pairs: wp.array2d(dtype=PointAndBody)  # constants of each such pair
         body_pair_count: wp.array(dtype=int)  # length of each row
-        if worlds:
-            root_of_world: wp.array(dtype=int)  # root of each world's subtree in the tree of bodies
+        root_of_world: wp.array(dtype=int)  # of an ensemble: root of each world's subtree in the tree of bodies
 
     @wp.struct
     class ContactHistory:
@@ -261,7 +260,7 @@ def Substep(scalar: type):
 @functools.cache
 def first_flag(scalar: type, worlds: bool):
     """Compose (data, body) -> the index of the first flag of the body's world; each world has its own flags."""
-    Data = BodyContactData(scalar, worlds)
+    Data = BodyContactData(scalar)
 
     @wp.func
     def first_of(data: Data, body: int) -> int:

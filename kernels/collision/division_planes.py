@@ -31,8 +31,8 @@ from ..records import records
 from ..threads import grid_thread, wait
 from .contact_data import FLAGS, HELD_BACK, Motion, NearPairs
 from .near_pairs import vertex_of
-from .pair_gaps import ways
-from .pair_impulses import find_violations, move_pushed, pair_impulses, push_pairs
+from .pair_gaps import displacements
+from .pair_impulses import find_violations, limits, move_pushed, push_pairs
 
 ROUNDS = 24
 """Maximal number of rounds of impulses; with 4 a rope that winds around a free cloth gained half of its energy."""
@@ -86,11 +86,11 @@ def catch_up(scalar: type):
         n = grid_thread()
         while n < pairs.driven.shape[0]:
             i = pairs.driven[n]
-            way = h * load(v_out, i)
-            behind = load(x_out, i) - load(x, i) - way
-            most = wp.max(wp.length(way), scalar(CATCH_UP) * least)
+            displacement = h * load(v_out, i)
+            behind = load(x_out, i) - load(x, i) - displacement
+            most = wp.max(wp.length(displacement), scalar(CATCH_UP) * least)
             if wp.length(behind) > most:
-                store(x_out, i, load(x, i) + way + (most / wp.length(behind)) * behind)
+                store(x_out, i, load(x, i) + displacement + (most / wp.length(behind)) * behind)
             n += threads
 
     return follow
@@ -104,7 +104,7 @@ def truncate_displacements(scalar: type):
     in which the round before held anything back.
     """
     W, Pairs, Moving = wp.types.vector(4, scalar), NearPairs(scalar), Motion(scalar)
-    (place_of, displacement_towards, approach_of), may_approach = ways(scalar), pair_impulses(scalar)[2]
+    (place_of, displacement_towards, approach_of), may_approach = displacements(scalar), limits(scalar)[1]
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
@@ -135,7 +135,7 @@ def truncate_displacements(scalar: type):
         firsts = int(1)
         if vertices[0] < 0:
             firsts = 2
-        ways = W()
+        towards = W()
         furthest_first = zero
         furthest_second = zero
         mobility_first = zero
@@ -144,12 +144,12 @@ def truncate_displacements(scalar: type):
             v = vertex_of(vertices, m)
             mobility = pairs.mobility[v]
             if m < firsts:
-                ways[m] = displacement_towards(pairs, x, x_out, v, normal)
-                furthest_first = wp.max(furthest_first, ways[m])
+                towards[m] = displacement_towards(pairs, x, x_out, v, normal)
+                furthest_first = wp.max(furthest_first, towards[m])
                 mobility_first += mobility
             else:
-                ways[m] = displacement_towards(pairs, x, x_out, v, -normal)
-                furthest_second = wp.max(furthest_second, ways[m])
+                towards[m] = displacement_towards(pairs, x, x_out, v, -normal)
+                furthest_second = wp.max(furthest_second, towards[m])
                 mobility_second += mobility
         most = wp.max(scalar(ALLOWED) * (gap - scalar(2.0) * pairs.least[k]), gap - activation)
         if furthest_first + furthest_second <= most:
@@ -168,16 +168,16 @@ def truncate_displacements(scalar: type):
         for m in range(firsts, 3):
             highest = wp.max(highest, wp.dot(place_of(f, p, w, x, vertices[m]) - origin, normal))
         for m in range(4):
-            if ways[m] > zero:
+            if towards[m] > zero:
                 v = vertex_of(vertices, m)
                 height = wp.dot(place_of(f, p, w, x, v) - origin, normal) - highest - place * gap
                 if m >= firsts:
                     height = -height
                 allowed = scalar(ALLOWED) * wp.max(zero, height - pairs.least[k])
-                if ways[m] > allowed:
+                if towards[m] > allowed:
                     pairs.cutting[0] = 1
                     for s in range(f[v], f[v + 1]):
-                        lower_to(pairs.truncation, p[s], wp.float32(0.9999 * wp.float32(allowed / ways[m])))
+                        lower_to(pairs.truncation, p[s], wp.float32(0.9999 * wp.float32(allowed / towards[m])))
 
     @kernel
     def truncate_all(pairs: Pairs, motion: Moving, number: int, threads: int):

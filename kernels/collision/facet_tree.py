@@ -12,11 +12,11 @@ import functools
 import warp as wp
 
 from ..basis import kernel
-from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit
+from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, lowest_of_lanes
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
-from .pairs import ALMOST, pair_with, pairs
+from .pairs import ALMOST, pairs
 
 NEVER = 1e30
 """A speed that no point reaches [m/s], and a coordinate beyond all others [m]."""
@@ -151,9 +151,9 @@ def facets_within(lanes: int):
 
 
 @functools.cache
-def drifts(scalar: type, worlds: bool):
+def drifts(scalar: type):
     """Compose (data) -> the common drift of all points in contact [m/s], which brings none nearer to another."""
-    Data = BodyContactData(scalar, worlds)
+    Data = BodyContactData(scalar)
 
     @wp.func
     def drift_of(data: Data) -> wp.vec3:
@@ -163,15 +163,15 @@ def drifts(scalar: type, worlds: bool):
 
 
 @functools.cache
-def begin_search(scalar: type, worlds: bool = False):
+def begin_search(scalar: type):
     """Compose the kernel that begins a search at the current positions of vertices, and empties the boxes.
 
     It also decides how far each vertex may move before the next search, its slack: half of the skin, or what a
     fast one moves in the time `soon` [s], but at most `most` [m]. So what is fast makes no lists longer elsewhere.
     `after` is the time since the end of the last substep [s]. The threads divide the vertices, groups and bodies.
     """
-    Data, (load, store, _) = BodyContactData(scalar, worlds), records(3, scalar)
-    drift_of = drifts(scalar, worlds)
+    Data, (load, store, _) = BodyContactData(scalar), records(3, scalar)
+    drift_of = drifts(scalar)
 
     @kernel
     def begin(
@@ -208,17 +208,12 @@ def begin_search(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def box_facets(scalar: type, lanes: int, worlds: bool = False):
+def box_facets(scalar: type, lanes: int):
     """Compose the kernel that computes boxes around facets and pieces, and extends those of groups and bodies.
 
     Boxes hold the facets until the next search: they are wider by their slack. Each piece has `lanes` threads.
     """
-    Data, least_of = BodyContactData(scalar, worlds), least_of_lanes(wp.float32, lanes)
-    load = records(3, scalar).load
-
-    @wp.func
-    def least_corner(x: wp.vec3) -> wp.vec3:
-        return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
+    Data, load, lowest = BodyContactData(scalar), records(3, scalar).load, lowest_of_lanes(lanes)
 
     @wp.func
     def box_piece(data: Data, tree: FacetTree, p: int, lane: int):
@@ -241,8 +236,8 @@ def box_facets(scalar: type, lanes: int, worlds: bool = False):
             tree.upper[e] = above
             least = wp.min(least, below)
             most = wp.max(most, above)
-        least = least_corner(least)
-        most = -least_corner(-most)
+        least = lowest(least)
+        most = -lowest(-most)
         if lane == 0:
             tree.piece_lower[p] = least
             tree.piece_upper[p] = most
@@ -280,10 +275,11 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
     The kernel also finds how much further than their slack the vertices of a body near no other may move: half of
     what its distance from the nearest exceeds that of contact. So what flies alone causes no search.
     """
-    Data, margin, by_tree = BodyContactData(scalar, worlds), margin_of_boxes(scalar), lanes == 0
-    find_rule, first_of, pair_of = pairs(scalar, worlds)[0], first_flag(scalar, worlds), pair_with(scalar, worlds)
+    Data, margin, by_tree = BodyContactData(scalar), margin_of_boxes(scalar), lanes == 0
+    (find_rule, pair_of), first_of = pairs(scalar), first_flag(scalar, worlds)
     lanes = max(lanes, 1)
     ballot, least_of = ballot_of_lanes(lanes), least_of_lanes(wp.float32, lanes)
+    lowest = lowest_of_lanes(lanes)
 
     @wp.func
     def list_pair(data: Data, rule: int, i: int, j: int, at: int):
@@ -347,8 +343,8 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
                     lower = wp.min(lower, tree.body_lower[j] - wide)
                     upper = wp.max(upper, tree.body_upper[j] + wide)
                 count += count_bits(those)
-        lower = wp.vec3(least_of(lower[0]), least_of(lower[1]), least_of(lower[2]))
-        upper = -wp.vec3(least_of(-upper[0]), least_of(-upper[1]), least_of(-upper[2]))
+        lower = lowest(lower)
+        upper = -lowest(-upper)
         free = least_of(free)
         if lane == 0:
             data.neighbors.spare[i] = 0.0

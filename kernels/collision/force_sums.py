@@ -56,10 +56,10 @@ def exert_force(scalar: type, lanes: int):
 
 @functools.cache
 def exert_on_segments(scalar: type):
-    """Compose (in_units, take_from, add_to), for points that touch only segments or grains.
+    """Compose (in_units, take_from), for points that touch only segments or grains.
 
-    `in_units` converts a force [N] to integers; `take_from` subtracts them from the ends of a segment; `add_to`
-    adds them to a point. The forces of several contacts on a point may be summed first, since atomic additions
+    `in_units` converts a force [N] to integers; `take_from` subtracts them from the ends of a segment, or from the
+    two vertices of a point. The forces of several contacts on a point may be summed first, since atomic additions
     dominate the cost.
     """
     V = vector(3, scalar)
@@ -84,15 +84,7 @@ def exert_on_segments(scalar: type):
             if total[k] != on_second:
                 add_whole(force, first, k, on_second - total[k], parts)
 
-    @wp.func
-    def add_to(force: wp.array2d(dtype=wp.int64), ends: wp.vec2i, s: scalar, total: Units, parts: int):
-        """Add a force to a point between two vertices; the second has the weight s."""
-        if ends[0] == ends[1]:
-            take_from(force, ends[0], ends[0], scalar(0.0), -total, parts)
-        else:
-            take_from(force, ends[0], ends[1], s, -total, parts)
-
-    return in_units, take_from, add_to
+    return in_units, take_from
 
 
 @functools.cache

@@ -10,13 +10,13 @@ from .pairs import NONE
 
 
 @functools.cache
-def memories(scalar: type, worlds: bool):
+def memories(scalar: type):
     """Compose (Memory, no_memory, remember, keep, shrink_overlap).
 
     `Memory` has two bodies that a point touches: those of lowest index if there are more, NONE for a missing one.
     `keep` stores it; `shrink_overlap` reduces the initial overlap that is still allowed.
     """
-    V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
+    V, Data = vector(3, scalar), BodyContactData(scalar)
 
     @wp.struct
     class Memory:
@@ -68,12 +68,12 @@ def memories(scalar: type, worlds: bool):
 
 
 @functools.cache
-def displacements(scalar: type, worlds: bool):
+def recall(scalar: type):
     """Compose (held, moved_along): a point's stored `Memory`; what it says of a body.
 
     That are the tangential displacement along the body [m] and the fastest approach [m/s], 0 without contact.
     """
-    V, Data, Memory = vector(3, scalar), BodyContactData(scalar, worlds), memories(scalar, worlds)[0]
+    V, Data, Memory = vector(3, scalar), BodyContactData(scalar), memories(scalar)[0]
 
     @wp.func
     def held(data: Data, p: int) -> Memory:

@@ -71,7 +71,7 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
     depenetration. `per_unit_of` returns the units of force per newton, which differ between the worlds of an
     ensemble.
     """
-    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar), Substep(scalar)
     PointAndBody, zero, one = Pair(scalar), scalar(0.0), scalar(1.0)
     tangential, stick_or_slide = scalar(TANGENTIAL), friction(scalar)
     first_of = first_flag(scalar, worlds)
@@ -80,7 +80,7 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
     def press(
         pair: PointAndBody,
         density: scalar,  # of the stiffness of a vertex: that of the point
-        share: scalar,  # of the point in the dampers of a vertex, see `crowding`
+        fraction: scalar,  # of the point in the dampers of a vertex, see `crowding`
         mobility: scalar,  # 1 / reduced mass of point and facet [1/kg]
         of_facet: scalar,  # the part of the facet in it [1/kg]
         overlap: scalar,  # [m]
@@ -106,7 +106,7 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
                 seen = zero
         # The rate of all dampers at a vertex together is at most DAMPING / h: points that touch near it share it,
         # and so do those of a finer body that press on the facet.
-        most_b = share * step.rate / (mobility + (pair.crowd - scalar(1.0)) * of_facet)
+        most_b = fraction * step.rate / (mobility + (pair.crowd - scalar(1.0)) * of_facet)
         forgets = step.h * wp.sqrt(k_n * mobility) / scalar(MEMORY)
         fastest = wp.max(-seen, fastest_before * (one - forgets))
         b_n = most_b

@@ -92,14 +92,14 @@ def PairSearch(scalar: type):
 
 
 @functools.cache
-def pairs_of_facets(scalar: type, tangled: bool, worlds: bool):
+def pairs_of_facets(scalar: type, tangled: bool):
     """Compose (tests_of, test_point, test_edges, add_pair), which add the near pairs of two facets to the list.
 
     Each vertex and each edge belongs to one of the facets around it, so every pair is found once. If `tangled`,
     vertices that `find_tangles` has marked are left out. If both facets belong to one body, points that may touch
     the other facet are marked. Tests are numbered as the bits of `tests_of`.
     """
-    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
+    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar), NearPairs(scalar)
     Search, load, margin, half = PairSearch(scalar), records(3, scalar).load, margin_of_boxes(scalar), scalar(0.5)
     nearest, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
 

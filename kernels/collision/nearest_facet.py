@@ -14,7 +14,7 @@ from .contact_data import BodyContactData, Pair
 from .pairs import ALMOST, FAR, NONE, places, points
 
 UNLIKE = {wp.float32: 2.0**-12, wp.float64: 2.0**-30}
-"""How much squared distances count more, relatively: by a share for each facet, larger than their rounding.
+"""How much squared distances count more, relatively: by a fraction for each facet, larger than their rounding.
 
 Two facets are equally near where their common edge is nearest. Rounding must not choose between them, since the
 couple of friction is borne by the chosen one: the motion would depend on the last digit of every number.
@@ -29,8 +29,8 @@ def nearest_facets(scalar: type, lanes: int, worlds: bool):
     threads divide the list, and all get the result. `separate` returns the distance of the point from the facet
     [m], never negative, and the unit vector along which it grows.
     """
-    V, Data = vector(3, scalar), BodyContactData(scalar, worlds)
-    Point, PointAndBody = points(scalar, worlds)[0], Pair(scalar)
+    V, Data = vector(3, scalar), BodyContactData(scalar)
+    Point, PointAndBody = points(scalar)[0], Pair(scalar)
     _, place_on, nearest_to = places(scalar)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     pick, corner_of = chosen_of_lanes(scalar, lanes), table(wp.vec3i)

@@ -1,4 +1,4 @@
-"""Nearest points between a triangle and a point, and between two segments."""
+"""Nearest points of a triangle and a point, of two segments, and of the two sides of a near pair."""
 
 import functools
 
@@ -11,17 +11,17 @@ FLAT = 1e-10
 
 
 @functools.cache
-def share_of_length(scalar: type):
+def fraction_of_length(scalar: type):
     """Compose (numerator, denominator) -> their quotient, clamped to 0 … 1; 0 if the denominator is 0."""
     zero, one = scalar(0.0), scalar(1.0)
 
     @wp.func
-    def share(numerator: scalar, denominator: scalar) -> scalar:
+    def fraction(numerator: scalar, denominator: scalar) -> scalar:
         if denominator <= zero:
             return zero
         return wp.clamp(numerator / denominator, zero, one)
 
-    return share
+    return fraction
 
 
 @functools.cache
@@ -31,7 +31,7 @@ def nearest_on_triangle(scalar: type):
     Triangles may be segments (b = c) or points (a = b = c), as for ropes and grains.
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.5.
     """
-    V, share = vector(3, scalar), share_of_length(scalar)
+    V, fraction = vector(3, scalar), fraction_of_length(scalar)
     zero, one, flat = scalar(0.0), scalar(1.0), scalar(FLAT)
 
     @wp.func
@@ -39,12 +39,12 @@ def nearest_on_triangle(scalar: type):
         """Return the weights for collinear corners: the nearest point is on the longest edge."""
         bc = ac - ab
         if wp.length_sq(bc) > wp.max(wp.length_sq(ab), wp.length_sq(ac)):
-            t = share(wp.dot(bc, ap - ab), wp.length_sq(bc))
+            t = fraction(wp.dot(bc, ap - ab), wp.length_sq(bc))
             return V(zero, one - t, t)
         if wp.length_sq(ac) > wp.length_sq(ab):
-            t = share(wp.dot(ac, ap), wp.length_sq(ac))
+            t = fraction(wp.dot(ac, ap), wp.length_sq(ac))
             return V(one - t, zero, t)
-        t = share(wp.dot(ab, ap), wp.length_sq(ab))
+        t = fraction(wp.dot(ab, ap), wp.length_sq(ab))
         return V(one - t, t, zero)
 
     @wp.func
@@ -94,11 +94,11 @@ def nearest_on_segments(scalar: type):
     Segments may be points.
     Reference: Ericson, Real-Time Collision Detection (2005), 5.1.9.
     """
-    V, Shares, share = vector(3, scalar), wp.types.vector(2, scalar), share_of_length(scalar)
+    V, Weights, fraction = vector(3, scalar), wp.types.vector(2, scalar), fraction_of_length(scalar)
     zero, one, flat = scalar(0.0), scalar(1.0), scalar(FLAT)
 
     @wp.func
-    def nearest(a: V, b: V, c: V, d: V) -> Shares:
+    def nearest(a: V, b: V, c: V, d: V) -> Weights:
         ab = b - a
         cd = d - c
         ca = a - c
@@ -110,16 +110,45 @@ def nearest_on_segments(scalar: type):
         area = length * other_length - along * along
         s = zero
         if area > flat * length * other_length:
-            s = share(along * q - p * other_length, area)
+            s = fraction(along * q - p * other_length, area)
         t = zero
         if other_length > zero:
             t = (along * s + q) / other_length
         if t <= zero:
             t = zero
-            s = share(-p, length)
+            s = fraction(-p, length)
         elif t >= one:
             t = one
-            s = share(along - p, length)
-        return Shares(s, t)
+            s = fraction(along - p, length)
+        return Weights(s, t)
 
     return nearest
+
+
+@functools.cache
+def shortest_line(scalar: type):
+    """Compose (b, c, d, edges) -> (weights, away), for a near pair: a vertex a and a triangle bcd, or two edges.
+
+    With `edges` the sides of the pair are ab and cd. Positions are relative to a. `away` [m] is the shortest line
+    from the second side to the first, and `weights` are those of the four vertices in it.
+    """
+    V, W, one = vector(3, scalar), wp.types.vector(4, scalar), scalar(1.0)
+    on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
+
+    @wp.func
+    def shortest(b: V, c: V, d: V, edges: bool):
+        weights = W()
+        away = V()
+        if edges:
+            found = on_segments(V(), b, c, d)
+            s = found[0]
+            t = found[1]
+            weights = W(one - s, s, t - one, -t)
+            away = s * b - (one - t) * c - t * d
+        else:
+            on = on_triangle(V(), b, c, d)
+            weights = W(one, -on[0], -on[1], -on[2])
+            away = -(on[0] * b + on[1] * c + on[2] * d)
+        return weights, away
+
+    return shortest

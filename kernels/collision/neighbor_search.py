@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel, vector
-from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, wait_for_lanes
+from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_of_lanes, wait_for_lanes
 from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
 from .contact_data import ACTIVE, HISTORY, LONGEST_ROW, BodyContactData, Substep, first_flag
@@ -32,12 +32,12 @@ def bounds_of_blocks(scalar: type) -> tuple[int, int]:
     return BLOCK, BLOCKS if scalar is wp.float32 else BLOCKS // 2  # float64 takes two registers
 
 
-def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, counts_time: bool = False):
+def each_active_point(evaluate_point, scalar: type, lanes: int, counts_time: bool):
     """Compose the kernel that calls `evaluate_point` for each active point, with `lanes` threads per point.
 
     In each substep one such kernel also sums the time since the last search (`counts_time`).
     """
-    Data, Step = BodyContactData(scalar, worlds), Substep(scalar)
+    Data, Step = BodyContactData(scalar), Substep(scalar)
 
     def evaluate_points(
         data: Data,
@@ -66,20 +66,42 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, worlds: bool, co
     return kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar))
 
 
+def each_search_point(find_one, scalar: type, lanes: int):
+    """Compose the kernel that calls `find_one` for each point to search for, with `lanes` threads per point."""
+    Data = BodyContactData(scalar)
+
+    def find(
+        data: Data,
+        tree: FacetTree,
+        farthest: scalar,  # largest distance of any contact [m]
+        threads: int,  # per part
+        part: int,
+        parts: int,
+        flags: wp.array(dtype=float),
+    ):
+        e = first_of_part(grid_thread(), part) / wp.static(lanes)
+        lane = grid_thread() % wp.static(lanes)
+        while e < data.neighbors.search_point_count[0]:
+            find_one(data, tree, data.neighbors.search_points[e], lane, farthest, flags)
+            e = next_of_part(e, threads / wp.static(lanes), parts)
+
+    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
+
+
 @functools.cache
-def find_candidates(scalar: type, worlds: bool = False):
+def find_candidates(scalar: type):
     """Compose the kernel that lists the points which may be near a facet, or have ended contacts to clear.
 
     Its threads divide the points; near points become adjacent in the list. Most points of large bodies are left
     out here, because idle threads in a search take as long as busy ones. `find_pairs` has marked the points of
     open bodies that may touch their own body.
     """
-    Data, place_of, margin = BodyContactData(scalar, worlds), places(scalar)[0], margin_of_boxes(scalar)
+    Data, place_of, margin = BodyContactData(scalar), places(scalar)[0], margin_of_boxes(scalar)
 
     @wp.func
     def is_candidate(data: Data, tree: FacetTree, p: int, farthest: scalar) -> bool:
         ends = data.surfaces.ends[p]
-        place = wp.vec3(place_of(data.surfaces.x, ends, data.surfaces.share[p]))
+        place = wp.vec3(place_of(data.surfaces.x, ends, data.surfaces.fraction[p]))
         body = data.surfaces.body[p]
         slack = scalar(wp.max(data.neighbors.slack[ends[0]], data.neighbors.slack[ends[1]]))
         wide = margin(place, place, slack)
@@ -142,13 +164,13 @@ def Row(scalar: type):
 
 
 @functools.cache
-def entries(scalar: type, lanes: int, worlds: bool):
+def entries(scalar: type, lanes: int):
     """Compose (enter, keep_near) for the entries of one body in the row of a point.
 
     `enter` adds the facets that the threads of the point have found. `keep_near` removes entries that cannot come
     nearer than a distance.
     """
-    Data, SearchedRow = BodyContactData(scalar, worlds), Row(scalar)
+    Data, SearchedRow = BodyContactData(scalar), Row(scalar)
     _, place_on, nearest_to = places(scalar)
     least_of, least_number = least_of_lanes(scalar, lanes), least_of_lanes(int, lanes)
     ballot, wait = ballot_of_lanes(lanes), wait_for_lanes(lanes)
@@ -228,7 +250,7 @@ def row_end(scalar: type, worlds: bool):
 
     The list has `count` facets; `missed` more had no room; `most` is the largest number found at any time.
     """
-    Data, first_of = BodyContactData(scalar, worlds), first_flag(scalar, worlds)
+    Data, first_of = BodyContactData(scalar), first_flag(scalar, worlds)
 
     @wp.func
     def end_row(data: Data, p: int, body: int, count: int, missed: int, most: int, flags: wp.array(dtype=float)):
@@ -254,10 +276,10 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
     facets can be skipped later. No result depends on listed facets without contact, on the skin, or on the order
     in which facets are found.
     """
-    Data, margin, SearchedRow = BodyContactData(scalar, worlds), margin_of_boxes(scalar), Row(scalar)
+    Data, margin, SearchedRow = BodyContactData(scalar), margin_of_boxes(scalar), Row(scalar)
     place_of, place_on, nearest_to = places(scalar)
     end_row = row_end(scalar, worlds)
-    (begin, find_next), (enter, keep_near) = facets_within(lanes), entries(scalar, lanes, worlds)
+    (begin, find_next), (enter, keep_near) = facets_within(lanes), entries(scalar, lanes)
     wait, doubt = wait_for_lanes(lanes), scalar(1.01)
 
     @wp.func
@@ -303,7 +325,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         row = SearchedRow()
         row.point = p
         row.ends = data.surfaces.ends[p]
-        row.x = place_of(data.surfaces.x, row.ends, data.surfaces.share[p])
+        row.x = place_of(data.surfaces.x, row.ends, data.surfaces.fraction[p])
         row.mine = data.surfaces.body[p]
         row.slack = scalar(wp.max(data.neighbors.slack[row.ends[0]], data.neighbors.slack[row.ends[1]]))
         most = int(0)
@@ -326,22 +348,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         if lane == 0:
             end_row(data, p, row.mine, row.count, row.missed, most, flags)
 
-    def find(
-        data: Data,
-        tree: FacetTree,
-        farthest: scalar,
-        threads: int,
-        part: int,
-        parts: int,
-        flags: wp.array(dtype=float),
-    ):
-        e = first_of_part(grid_thread(), part) / wp.static(lanes)
-        lane = grid_thread() % wp.static(lanes)
-        while e < data.neighbors.search_point_count[0]:
-            find_one(data, tree, data.neighbors.search_points[e], lane, farthest, flags)
-            e = next_of_part(e, threads / wp.static(lanes), parts)
-
-    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
+    return each_search_point(find_one, scalar, lanes)
 
 
 @functools.cache
@@ -350,12 +357,7 @@ def range_of_speeds(scalar: type, lanes: int):
 
     Its threads divide the points; each group of `lanes` threads combines its results.
     """
-    Data, least_of = BodyContactData(scalar, False), least_of_lanes(wp.float32, lanes)
-    place_of = places(scalar)[0]
-
-    @wp.func
-    def most_corner(v: wp.vec3) -> wp.vec3:
-        return -wp.vec3(least_of(-v[0]), least_of(-v[1]), least_of(-v[2]))
+    Data, place_of, lowest = BodyContactData(scalar), places(scalar)[0], lowest_of_lanes(lanes)
 
     @kernel
     def find_range(data: Data, threads: int):
@@ -364,12 +366,12 @@ def range_of_speeds(scalar: type, lanes: int):
         slow = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
         while k < data.neighbors.active_count[0]:
             p = data.neighbors.active_points[k]
-            v = wp.vec3(place_of(data.surfaces.v, data.surfaces.ends[p], data.surfaces.share[p]))
+            v = wp.vec3(place_of(data.surfaces.v, data.surfaces.ends[p], data.surfaces.fraction[p]))
             fast = wp.max(fast, v)
             slow = wp.max(slow, -v)
             k += threads
-        fast = most_corner(fast)
-        slow = most_corner(slow)
+        fast = -lowest(-fast)
+        slow = -lowest(-slow)
         if grid_thread() % wp.static(lanes) == 0 and fast[0] > wp.static(-NEVER):
             wp.atomic_max(data.neighbors.speeds, 0, fast)
             wp.atomic_max(data.neighbors.speeds, 1, slow)

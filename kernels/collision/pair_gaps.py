@@ -10,8 +10,8 @@ from ..records import records
 from ..threads import grid_thread
 from .contact_data import PAIRS, BodyContactData, NearPairs
 from .near_pairs import vertex_of
-from .nearest_point import nearest_on_segments, nearest_on_triangle
-from .pair_impulses import WATCHED, pair_impulses
+from .nearest_point import shortest_line
+from .pair_impulses import WATCHED, limits
 
 ROUNDING = 4.0
 """The least gap, as a multiple of the spacing of floating-point numbers at the coordinates of the pair."""
@@ -22,8 +22,8 @@ which may increase."""
 
 
 @functools.cache
-def ways(scalar: type):
-    """Compose (place_of, way_towards, approach_of).
+def displacements(scalar: type):
+    """Compose (place_of, displacement_towards, approach_of).
 
     `place_of` returns a vertex's position. `displacement_towards` bounds its displacement against a normal [m]:
     each of its particles may be held back alone, so particles that move along the normal count as at rest.
@@ -50,11 +50,11 @@ def ways(scalar: type):
     def displacement_towards(
         pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int, normal: V
     ) -> scalar:
-        way = scalar(0.0)  # each particle may make only a part of its displacement; weights may be negative
+        total = scalar(0.0)  # each particle may make only a part of its displacement; weights may be negative
         for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
             i = pairs.particle_of[s]
-            way += wp.max(scalar(0.0), -pairs.weight[s] * wp.dot(load(x_out, i) - load(x, i), normal))
-        return way
+            total += wp.max(scalar(0.0), -pairs.weight[s] * wp.dot(load(x_out, i) - load(x, i), normal))
+        return total
 
     @wp.func
     def approach_of(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), k: int) -> scalar:
@@ -83,11 +83,8 @@ def measure_pairs(scalar: type, watched: bool):
     that impulses may bring too near. Its threads divide the pairs. If `watched`, it does nothing unless
     `find_alarm` has found that surfaces may meet.
     """
-    V, W = vector(3, scalar), wp.types.vector(4, scalar)
-    Pairs = NearPairs(scalar)
-    on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
-    (place_of, _, approach_of), (floor_of, may_lose, may_approach, *_) = ways(scalar), pair_impulses(scalar)
-    zero, one = scalar(0.0), scalar(1.0)
+    V, Pairs, zero, shortest = vector(3, scalar), NearPairs(scalar), scalar(0.0), shortest_line(scalar)
+    (place_of, _, approach_of), (may_lose, may_approach) = displacements(scalar), limits(scalar)
     rounding = scalar(ROUNDING * (1.2e-7 if scalar is wp.float32 else 2.3e-16))
 
     @wp.func
@@ -114,22 +111,12 @@ def measure_pairs(scalar: type, watched: bool):
         b = place_of(f, p, w, x, vertices[1]) - a
         c = place_of(f, p, w, x, vertices[2]) - a
         d = place_of(f, p, w, x, vertices[3]) - a
-        weights = W()
-        away = V()
-        across = V()
         edges = vertices[0] < 0
+        weights, away = shortest(b, c, d, edges)
+        across = wp.cross(c - b, d - b)
         if edges:
-            shares = on_segments(V(), b, c, d)
-            s = shares[0]
-            t = shares[1]
-            weights = W(one - s, s, t - one, -t)
-            away = s * b - (one - t) * c - t * d
-            across = wp.normalize(wp.cross(b, d - c))
-        else:
-            on = on_triangle(V(), b, c, d)
-            weights = W(one, -on[0], -on[1], -on[2])
-            away = -(on[0] * b + on[1] * c + on[2] * d)
-            across = wp.normalize(wp.cross(c - b, d - b))
+            across = wp.cross(b, d - c)
+        across = wp.normalize(across)
         # The nearest points of almost parallel or very near edges are inexact. So of two directions the normal
         # is the one along which the gap is larger.
         away = wp.normalize(away)
@@ -171,11 +158,11 @@ def measure_pairs(scalar: type, watched: bool):
             gap = pairs.gap[k]
             if gap > zero:
                 approach = approach_of(pairs, x, x_out, k)
-                allowed = may_lose(gap, floor_of(pairs, k), activation)
+                allowed = may_lose(pairs, k, gap, activation)
                 if approach > allowed:
                     pairs.alarm[0] = 1
-                reserve = wp.min(allowed, may_approach(gap, pairs.least[k], activation)) - approach
-                if reserve - pairs.least[k] <= scalar(wp.static(1.001 * WATCHED)) * activation:
+                slack = wp.min(allowed, may_approach(gap, pairs.least[k], activation)) - approach
+                if slack - pairs.least[k] <= scalar(wp.static(1.001 * WATCHED)) * activation:
                     pairs.watched[count_up(pairs.watched_count, 0)] = k
             k = next_of_part(k, threads, parts)
 
@@ -183,16 +170,15 @@ def measure_pairs(scalar: type, watched: bool):
 
 
 @functools.cache
-def find_alarm(scalar: type, worlds: bool = False):
+def find_alarm(scalar: type):
     """Compose the kernel that tests whether surfaces may meet; then it sets `may_meet` and counts pairs.
 
     Two sides of a pair may meet if they can come within `activation` in `AHEAD` substeps, from the vertices'
     positions when the substep begins. `measure_pairs` would find that later, and takes ten times as long. The
     threads divide the pairs. `flags` gets the number of pairs.
     """
-    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
-    on_triangle, on_segments = nearest_on_triangle(scalar), nearest_on_segments(scalar)
-    load, zero, one = records(3, scalar).load, scalar(0.0), scalar(1.0)
+    Data, Pairs = BodyContactData(scalar), NearPairs(scalar)
+    load, zero, shortest = records(3, scalar).load, scalar(0.0), shortest_line(scalar)
 
     @kernel
     def find(
@@ -223,13 +209,7 @@ def find_alarm(scalar: type, worlds: bool = False):
             for m in range(2, 4):
                 v = load(data.surfaces.v, vertices[m])
                 fastest = wp.max(fastest, wp.max(wp.length(v - u), wp.length(v - second)))
-            away = V()
-            if vertices[0] < 0:
-                shares = on_segments(V(), b, c, d)
-                away = shares[0] * b - (one - shares[1]) * c - shares[1] * d
-            else:
-                on = on_triangle(V(), b, c, d)
-                away = -(on[0] * b + on[1] * c + on[2] * d)
+            _weights, away = shortest(b, c, d, vertices[0] < 0)
             if wp.length(away) < activation + scalar(AHEAD) * h * fastest:
                 pairs.may_meet[0] = 1
                 if not (flags[wp.static(PAIRS)] >= float(count)):

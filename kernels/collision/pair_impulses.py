@@ -22,41 +22,133 @@ HOLD_BEYOND = 0.95
 """Particles are held back if a pair loses more than this fraction of its gap, less half of the least gap."""
 WATCHED = 0.5
 """Pairs are tested again after impulses only if they may then come too near by this fraction of `activation`. If
-any
-particle moves more than half as far, all are tested."""
+any particle moves more than half as far, all are tested."""
 
 
 @functools.cache
-def pair_impulses(scalar: type):
-    """Compose (floor_of, may_lose, may_approach, violation, count_pushes, push, apply).
+def limits(scalar: type):
+    """Compose (may_lose, may_approach), for a pair k with some gap [m].
 
-    `may_lose` returns by how much the gap of a pair may shrink in a substep before impulses act [m],
-    `may_approach` by how much any two of its vertices may approach before they are held back [m]. `violation`
-    finds where the gap shrinks most. It returns (weights, change): the weights of the vertices there, and by how
-    much the approach is to be reduced [m], at most 0 if it is allowed. In a round each pair adds 1 to `pushes` of
-    its particles, then its impulses; then each particle applies them.
+    `may_lose` returns by how much the gap may shrink in a substep before impulses act [m], `may_approach` by how
+    much any two vertices of the pair may approach before they are held back [m].
+    """
+    Pairs, zero, kept = NearPairs(scalar), scalar(0.0), scalar(KEPT)
+
+    @wp.func
+    def may_lose(pairs: Pairs, k: int, gap: scalar, activation: scalar) -> scalar:
+        bodies = pairs.bodies[k]
+        floor = pairs.floor[bodies[0]] + pairs.floor[bodies[1]]
+        loss = wp.min((scalar(1.0) - kept) * gap, gap - floor)
+        return wp.max(zero, wp.max(loss, gap - activation))
+
+    @wp.func
+    def may_approach(gap: scalar, least: scalar, activation: scalar) -> scalar:
+        return wp.max(scalar(HOLD_BEYOND) * gap - scalar(0.5) * least, gap - activation)
+
+    return may_lose, may_approach
+
+
+@functools.cache
+def find_violations(scalar: type):
+    """Compose the kernel that begins a round: it lists pairs which come too near, and counts them on particles.
+
+    The threads divide the pairs. `number` is that of the round; below 0: it is `pairs.round`.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
-    Pairs, Moving, (load, store, _) = NearPairs(scalar), Motion(scalar), records(3, scalar)
-    zero, kept = scalar(0.0), scalar(KEPT)
+    Pairs, Moving, load = NearPairs(scalar), Motion(scalar), records(3, scalar).load
+    may_lose, zero = limits(scalar)[0], scalar(0.0)
 
     @wp.func
     def displacement_of(pairs: Pairs, x: wp.array(dtype=V), x_out: wp.array(dtype=V), v: int) -> V:
         """Return the displacement of vertex v in the substep [m]."""
-        way = V()
+        total = V()
         for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
             i = pairs.particle_of[s]
-            way += pairs.weight[s] * (load(x_out, i) - load(x, i))
-        return way
+            total += pairs.weight[s] * (load(x_out, i) - load(x, i))
+        return total
+
+    @wp.func
+    def violation(pairs: Pairs, motion: Moving, k: int):
+        """Return where the gap of pair k shrinks most, and by how much the approach there is to be reduced [m].
+
+        The place is given by the weights of the vertices. The reduction is at most 0 if the approach is allowed.
+        """
+        x, x_out, activation = motion.x, motion.x_out, motion.activation
+        vertices = pairs.vertices[k]
+        weights = pairs.weights[k]
+        gap = pairs.gap[k]
+        approach = zero
+        rises = W()
+        for m in range(4):
+            of_vertex = displacement_of(pairs, x, x_out, vertex_of(vertices, m))
+            approach -= weights[m] * wp.dot(of_vertex, pairs.normal[k])
+            rises[m] = wp.dot(of_vertex, pairs.normal[k])
+        change = approach - may_lose(pairs, k, gap, activation)
+        if change > zero:
+            # What bounces is back where it began. What is fast has hardly met springs of contact, which would have
+            # thrown it back; what is pressed slowly would get more energy than it loses.
+            bodies = pairs.bodies[k]
+            e = pairs.restitution[pairs.rules[pairs.kind[bodies[0]], pairs.kind[bodies[1]]]]
+            change += e * (approach - change)
+            if approach > activation:
+                change += e * approach
+        else:
+            # If a side rotates, another of its vertices may be faster. This exerts a moment, unlike the above.
+            first = int(0)
+            second = int(3)
+            if vertices[0] < 0 and rises[1] < rises[0]:
+                first = int(1)
+            if rises[2] > rises[second]:
+                second = int(2)
+            if vertices[0] >= 0 and rises[1] > rises[second]:
+                second = int(1)
+            room = wp.max(zero, gap - pairs.least[k])
+            change = rises[second] - rises[first] - wp.max(scalar(LARGEST_APPROACH) * room, gap - activation)
+            weights = W()
+            weights[first] = scalar(1.0)
+            weights[second] = scalar(-1.0)
+        return weights, change
 
     @wp.func
     def count_pushes(pairs: Pairs, k: int, weights: W):
-        vertices = pairs.vertices[k]
         for m in range(4):
             if weights[m] != zero:
-                v = vertex_of(vertices, m)
+                v = vertex_of(pairs.vertices[k], m)
                 for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
                     wp.atomic_add(pairs.pushes, pairs.particle_of[s], 1)
+
+    @kernel
+    def find(pairs: Pairs, motion: Moving, number: int, threads: int):
+        this = number
+        if number < 0:
+            this = pairs.round[0]
+        every = pairs.exceeded[0] != 0
+        last = pairs.watched_count[0]
+        if every:
+            last = wp.min(pairs.count[0], pairs.vertices.shape[0])
+        n = grid_thread()
+        while n < last:
+            k = n
+            if not every:
+                k = pairs.watched[n]
+            if pairs.gap[k] > zero:
+                weights, change = violation(pairs, motion, k)
+                if change > zero:
+                    pairs.violated[0] = this + 1
+                    at = count_up(pairs.pushing_count, 0)
+                    pairs.pushing[at] = k
+                    pairs.pushed[at] = weights
+                    pairs.change[at] = change
+                    count_pushes(pairs, k, weights)
+            n += threads
+
+    return find
+
+
+@functools.cache
+def push_pairs(scalar: type):
+    """Compose the kernel that adds the impulses of the pairs of a round; its threads divide these pairs."""
+    W, Pairs, Moving, zero = wp.types.vector(4, scalar), NearPairs(scalar), Motion(scalar), scalar(0.0)
 
     @wp.func
     def push(pairs: Pairs, k: int, weights: W, change: scalar, per_unit: wp.float64):
@@ -71,8 +163,8 @@ def pair_impulses(scalar: type):
             v = vertex_of(vertices, m)
             for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
                 i = pairs.particle_of[s]
-                share = weights[m] * pairs.weight[s]
-                mobility += share * share * scalar(pairs.pushes[i]) * pairs.inverse_mass[i]
+                weight = weights[m] * pairs.weight[s]
+                mobility += weight * weight * scalar(pairs.pushes[i]) * pairs.inverse_mass[i]
         if mobility == zero:
             return
         impulse = change / mobility * pairs.normal[k]
@@ -93,6 +185,22 @@ def pair_impulses(scalar: type):
                     on_vertex -= part
                     wp.atomic_add(pairs.impulse, pairs.particle_of[s], c, part)
                 wp.atomic_add(pairs.impulse, pairs.particle_of[begin], c, on_vertex)
+
+    @kernel
+    def push_apart(pairs: Pairs, motion: Moving, number: int, threads: int):
+        n = grid_thread()
+        while n < pairs.pushing_count[0]:
+            push(pairs, pairs.pushing[n], pairs.pushed[n], pairs.change[n], motion.per_unit)
+            n += threads
+
+    return push_apart
+
+
+@functools.cache
+def move_pushed(scalar: type):
+    """Compose the kernel that ends a round: particles move by their impulses. Its threads divide the particles."""
+    V, (load, store, _) = vector(3, scalar), records(3, scalar)
+    Pairs, Moving, zero = NearPairs(scalar), Motion(scalar), scalar(0.0)
 
     @wp.func
     def apply(pairs: Pairs, motion: Moving, i: int):
@@ -121,119 +229,6 @@ def pair_impulses(scalar: type):
             if pairs.most_weight * shift > wp.static(0.5 * WATCHED) * float(motion.activation):
                 pairs.exceeded[0] = 1
             store(x_out, i, load(x_out, i) + moved)
-
-    @wp.func
-    def floor_of(pairs: Pairs, k: int) -> scalar:
-        """Return the gap below which pair k must not lose any more of it [m]."""
-        bodies = pairs.bodies[k]
-        return pairs.floor[bodies[0]] + pairs.floor[bodies[1]]
-
-    @wp.func
-    def may_lose(gap: scalar, floor: scalar, activation: scalar) -> scalar:
-        share = wp.min((scalar(1.0) - kept) * gap, gap - floor)
-        return wp.max(zero, wp.max(share, gap - activation))
-
-    @wp.func
-    def may_approach(gap: scalar, least: scalar, activation: scalar) -> scalar:
-        return wp.max(scalar(HOLD_BEYOND) * gap - scalar(0.5) * least, gap - activation)
-
-    @wp.func
-    def violation(pairs: Pairs, motion: Moving, k: int):
-        x, x_out, activation = motion.x, motion.x_out, motion.activation
-        vertices = pairs.vertices[k]
-        weights = pairs.weights[k]
-        gap = pairs.gap[k]
-        approach = zero
-        rises = W()
-        for m in range(4):
-            of_vertex = displacement_of(pairs, x, x_out, vertex_of(vertices, m))
-            approach -= weights[m] * wp.dot(of_vertex, pairs.normal[k])
-            rises[m] = wp.dot(of_vertex, pairs.normal[k])
-        change = approach - may_lose(gap, floor_of(pairs, k), activation)
-        if change > zero:
-            # What bounces is back where it began. What is fast has hardly met springs of contact, which would have
-            # thrown it back; what is pressed slowly would get more energy than it loses.
-            bodies = pairs.bodies[k]
-            e = pairs.restitution[pairs.rules[pairs.kind[bodies[0]], pairs.kind[bodies[1]]]]
-            change += e * (approach - change)
-            if approach > activation:
-                change += e * approach
-        else:
-            # If a side rotates, another of its vertices may be faster. This exerts a moment, unlike the above.
-            first = int(0)
-            second = int(3)
-            if vertices[0] < 0 and rises[1] < rises[0]:
-                first = int(1)
-            if rises[2] > rises[second]:
-                second = int(2)
-            if vertices[0] >= 0 and rises[1] > rises[second]:
-                second = int(1)
-            room = wp.max(zero, gap - pairs.least[k])
-            change = rises[second] - rises[first] - wp.max(scalar(LARGEST_APPROACH) * room, gap - activation)
-            weights = W()
-            weights[first] = scalar(1.0)
-            weights[second] = scalar(-1.0)
-        return weights, change
-
-    return floor_of, may_lose, may_approach, violation, count_pushes, push, apply
-
-
-@functools.cache
-def find_violations(scalar: type):
-    """Compose the kernel that begins a round: it lists pairs which come too near, and counts them on particles.
-
-    The threads divide the pairs. `number` is that of the round; below 0: it is `pairs.round`.
-    """
-    Pairs, Moving = NearPairs(scalar), Motion(scalar)
-    _, _, _, violation, count_pushes, _, _ = pair_impulses(scalar)
-
-    @kernel
-    def find(pairs: Pairs, motion: Moving, number: int, threads: int):
-        this = number
-        if number < 0:
-            this = pairs.round[0]
-        every = pairs.exceeded[0] != 0
-        last = pairs.watched_count[0]
-        if every:
-            last = wp.min(pairs.count[0], pairs.vertices.shape[0])
-        n = grid_thread()
-        while n < last:
-            k = n
-            if not every:
-                k = pairs.watched[n]
-            if pairs.gap[k] > scalar(0.0):
-                weights, change = violation(pairs, motion, k)
-                if change > scalar(0.0):
-                    pairs.violated[0] = this + 1
-                    at = count_up(pairs.pushing_count, 0)
-                    pairs.pushing[at] = k
-                    pairs.pushed[at] = weights
-                    pairs.change[at] = change
-                    count_pushes(pairs, k, weights)
-            n += threads
-
-    return find
-
-
-@functools.cache
-def push_pairs(scalar: type):
-    """Compose the kernel that adds the impulses of the pairs of a round; its threads divide these pairs."""
-    Pairs, Moving, push = NearPairs(scalar), Motion(scalar), pair_impulses(scalar)[5]
-
-    @kernel
-    def push_apart(pairs: Pairs, motion: Moving, number: int, threads: int):
-        n = grid_thread()
-        while n < pairs.pushing_count[0]:
-            push(pairs, pairs.pushing[n], pairs.pushed[n], pairs.change[n], motion.per_unit)
-            n += threads
-
-    return push_apart
-
-
-@functools.cache
-def move_pushed(scalar: type):
-    """Compose the kernel that ends a round: particles move by their impulses. Its threads divide the particles."""
-    Pairs, Moving, apply = NearPairs(scalar), Motion(scalar), pair_impulses(scalar)[6]
 
     @kernel
     def move(pairs: Pairs, motion: Moving, number: int, threads: int):

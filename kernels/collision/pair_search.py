@@ -9,7 +9,7 @@ import functools
 import warp as wp
 
 from ..basis import kernel
-from ..lanes import WARP, ballot_of_lanes, count_bits, least_of_lanes, lowest_bit, reserve
+from ..lanes import WARP, ballot_of_lanes, count_bits, lowest_bit, lowest_of_lanes, reserve
 from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
 from .contact_data import NEAR_FACETS, BodyContactData, NearPairs
@@ -19,7 +19,7 @@ from .pairs import pairs
 
 
 @functools.cache
-def searches(scalar: type, worlds: bool):
+def searches(scalar: type):
     """Compose (searches_for, search_of, search_between, box_of): which bodies are searched, and how far.
 
     `searches_for` tells whether the facets of one body search for those of another: those of the body with shorter
@@ -28,8 +28,8 @@ def searches(scalar: type, worlds: bool):
     `box_of` returns the box around the facet at `place` in the tree, which the boxes of near facets overlap; these
     hold facets until the next search.
     """
-    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
-    (find_rule, thickness_of, _), margin, doubt = pairs(scalar, worlds), margin_of_boxes(scalar), scalar(1.01)
+    Data, Pairs, Search = BodyContactData(scalar), NearPairs(scalar), PairSearch(scalar)
+    (find_rule, pair_of), margin, doubt = pairs(scalar), margin_of_boxes(scalar), scalar(1.01)
 
     @wp.func
     def searches_for(pairs: Pairs, body: int, other: int) -> bool:
@@ -42,7 +42,7 @@ def searches(scalar: type, worlds: bool):
         search.x = data.surfaces.x
         search.reach = doubt * (slack + activation)
         if search.alike:
-            search.touching = doubt * (thickness_of(data, find_rule(data, body, body), body, body) + slack)
+            search.touching = doubt * (pair_of(data, find_rule(data, body, body), body, body, 0).thickness + slack)
         return search
 
     @wp.func
@@ -61,17 +61,17 @@ def searches(scalar: type, worlds: bool):
 
 
 @functools.cache
-def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: bool = False):
+def find_near_facets(scalar: type, lanes: int, grains: bool = False):
     """Compose the kernel that lists facets whose boxes are so near each other that they may have near pairs.
 
     On a GPU a warp searches for all facets of a piece of the tree at once, and each of its threads tests the box
     of its own facet. On the CPU (one of `lanes`) each facet is searched for in a binary tree. If all bodies are
     `grains`, facets and bodies have the same indices.
     """
-    Data, Pairs, Search = BodyContactData(scalar, worlds), NearPairs(scalar), PairSearch(scalar)
+    Data, Pairs, Search = BodyContactData(scalar), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
-    searches_for, search_of, _, box_of = searches(scalar, worlds)
-    ballot, least_of = ballot_of_lanes(WARP), least_of_lanes(wp.float32, WARP)
+    searches_for, search_of, _, box_of = searches(scalar)
+    ballot, lowest = ballot_of_lanes(WARP), lowest_of_lanes(WARP)
 
     @wp.func
     def add(pairs: Pairs, at: int, facet: int, found: int, flags: wp.array(dtype=float)):
@@ -104,10 +104,6 @@ def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: boo
                         add(pairs, count_up(pairs.near_facet_count, 0), facet, tree.facet[k], flags)
 
     @wp.func
-    def least_corner(x: wp.vec3) -> wp.vec3:
-        return wp.vec3(least_of(x[0]), least_of(x[1]), least_of(x[2]))
-
-    @wp.func
     def search_for_piece(
         tree: FacetTree,
         pairs: Pairs,
@@ -126,8 +122,8 @@ def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: boo
             low, high = box_of(tree, search, place)
             near = overlap(low, high, tree.body_lower[other], tree.body_upper[other])
         if ballot(near) != wp.uint32(0):
-            below = least_corner(low)
-            above = -least_corner(-high)
+            below = lowest(low)
+            above = -lowest(-high)
             lane = grid_thread() % wp.static(WARP)
             cursor = begin(tree, other)
             while not cursor.ended:
@@ -185,7 +181,7 @@ def find_near_facets(scalar: type, lanes: int, worlds: bool = False, grains: boo
         parts: int,  # number of parts, one for each CPU thread
         flags: wp.array(dtype=float),
     ):
-        every = wp.uint32(0xFFFFFFFF)
+        every = ~wp.uint32(0)
         if wp.static(lanes == 1 or grains):
             k = first_of_part(grid_thread(), part)
             while k < tree.facet.shape[0]:
@@ -216,10 +212,10 @@ def whole_warps(count: int) -> int:
 
 
 @functools.cache
-def list_tests(scalar: type, worlds: bool = False):
+def list_tests(scalar: type):
     """Compose the kernel that lists the tests which near facets need; its threads divide the pairs of facets."""
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
-    search_between, tests_of = searches(scalar, worlds)[2], pairs_of_facets(scalar, False, worlds)[0]
+    Data, Pairs = BodyContactData(scalar), NearPairs(scalar)
+    search_between, tests_of = searches(scalar)[2], pairs_of_facets(scalar, False)[0]
     points = wp.uint32((1 << FIRST_OF_EDGES) - 1)
 
     @wp.func
@@ -268,16 +264,16 @@ def list_tests(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def find_pairs(scalar: type, tangled: bool, worlds: bool = False):
+def find_pairs(scalar: type, tangled: bool):
     """Compose the kernel that lists the near pairs: pairs that may come too near before the next search.
 
     Until then each side of a pair moves by at most its slack, and a pair with a gap of more than `activation`
     needs no impulse. So pairs beyond both slacks + `activation` are not listed; listing one changes no result. Its
     threads divide the tests.
     """
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
-    search_between = searches(scalar, worlds)[2]
-    _, test_point, test_edges, add_pair = pairs_of_facets(scalar, tangled, worlds)
+    Data, Pairs = BodyContactData(scalar), NearPairs(scalar)
+    search_between = searches(scalar)[2]
+    _, test_point, test_edges, add_pair = pairs_of_facets(scalar, tangled)
 
     @kernel
     def find(

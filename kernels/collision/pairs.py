@@ -42,9 +42,9 @@ def places(scalar: type):
     V, nearest, load = vector(3, scalar), nearest_on_triangle(scalar), records(3, scalar).load
 
     @wp.func
-    def place_of(x: wp.array(dtype=V), ends: wp.vec2i, share: scalar) -> V:
+    def place_of(x: wp.array(dtype=V), ends: wp.vec2i, fraction: scalar) -> V:
         first = load(x, ends[0])
-        return first + share * (load(x, ends[1]) - first)
+        return first + fraction * (load(x, ends[1]) - first)
 
     @wp.func
     def place_on(x: wp.array(dtype=V), corner: wp.vec3i, w: V) -> V:
@@ -58,12 +58,12 @@ def places(scalar: type):
 
 
 @functools.cache
-def pairs(scalar: type, worlds: bool = False):
-    """Compose (find_rule, thickness_of, stiffness_of).
+def pairs(scalar: type):
+    """Compose (find_rule, pair_of) for points of body `mine` and facets of body `other`.
 
-    They return the contact rule and its parameters for a point of body `mine` and a facet of body `other`.
+    `find_rule` returns the index of their contact rule, `pair_of` the constants that follow from it.
     """
-    Data = BodyContactData(scalar, worlds)
+    Data, PointAndBody = BodyContactData(scalar), Pair(scalar)
 
     @wp.func
     def find_rule(data: Data, mine: int, other: int) -> int:
@@ -75,57 +75,36 @@ def pairs(scalar: type, worlds: bool = False):
         return rule
 
     @wp.func
-    def thickness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the distance at which contact begins [m]."""
-        given = data.rules.thickness[rule]
-        if given >= scalar(0.0):
-            return given
-        return data.surfaces.radius[mine] + data.surfaces.radius[other]
-
-    @wp.func
-    def stiffness_of(data: Data, rule: int, mine: int, other: int) -> scalar:
-        """Return the contact stiffness of one vertex [N/m], by default the harmonic mean for both bodies."""
-        k = data.rules.stiffness[rule]
-        if k < scalar(0.0):
-            a = data.surfaces.stiffness[mine]
-            b = data.surfaces.stiffness[other]
-            k = scalar(2.0) * a * b / (a + b)
-        return k
-
-    return find_rule, thickness_of, stiffness_of
-
-
-@functools.cache
-def pair_with(scalar: type, worlds: bool):
-    """Compose (data, rule, mine, other, place) -> `Pair`, constants for points of `mine` and facets of `other`."""
-    Data, PointAndBody = BodyContactData(scalar, worlds), Pair(scalar)
-    _, thickness_of, stiffness_of = pairs(scalar, worlds)
-
-    @wp.func
     def pair_of(data: Data, rule: int, mine: int, other: int, place: int) -> PointAndBody:
         pair = PointAndBody()
         pair.mine = mine
         pair.other = other
         pair.place = place
-        pair.thickness = thickness_of(data, rule, mine, other)
-        pair.stiffness = stiffness_of(data, rule, mine, other)
+        pair.thickness = data.rules.thickness[rule]
+        if pair.thickness < scalar(0.0):
+            pair.thickness = data.surfaces.radius[mine] + data.surfaces.radius[other]
+        pair.stiffness = data.rules.stiffness[rule]
+        if pair.stiffness < scalar(0.0):  # the harmonic mean for both bodies
+            a = data.surfaces.stiffness[mine]
+            b = data.surfaces.stiffness[other]
+            pair.stiffness = scalar(2.0) * a * b / (a + b)
         pair.damping = data.rules.damping[rule]
         pair.hysteresis = data.rules.hysteresis[rule]
-        apart = data.surfaces.spacing[mine]
-        if apart <= scalar(0.0):
-            apart = pair.thickness
-        ratio = data.surfaces.spacing[other] / apart
+        spacing = data.surfaces.spacing[mine]
+        if spacing <= scalar(0.0):
+            spacing = pair.thickness
+        ratio = data.surfaces.spacing[other] / spacing
         pair.crowd = wp.max(scalar(1.0), ratio * ratio)
         pair.friction = data.rules.friction[rule]
         return pair
 
-    return pair_of
+    return find_rule, pair_of
 
 
 @functools.cache
-def points(scalar: type, worlds: bool = False):
+def points(scalar: type):
     """Compose (Point, point_of, mobility_of): a contact point, its constructor, and its mobility [1/kg]."""
-    V, Data, one = vector(3, scalar), BodyContactData(scalar, worlds), scalar(1.0)
+    V, Data, one = vector(3, scalar), BodyContactData(scalar), scalar(1.0)
     place_of, body_of, ends_of, number_of = places(scalar)[0], table(int), table(wp.vec2i), table(scalar)
 
     @wp.struct
@@ -133,7 +112,7 @@ def points(scalar: type, worlds: bool = False):
         number: int
         body: int
         ends: wp.vec2i  # the two vertices between which it lies
-        share: scalar  # weight of the second vertex
+        fraction: scalar  # weight of the second vertex
         density: scalar  # of the stiffness of a vertex
         host: int  # a triangle that it lies on; below 0: none
         x: V  # [m]
@@ -144,10 +123,10 @@ def points(scalar: type, worlds: bool = False):
         point.number = p
         point.body = body_of(data.surfaces.body, p)
         point.ends = ends_of(data.surfaces.ends, p)
-        point.share = number_of(data.surfaces.share, p)
+        point.fraction = number_of(data.surfaces.fraction, p)
         point.density = number_of(data.surfaces.density, p)
         point.host = body_of(data.surfaces.host, p)
-        point.x = place_of(data.surfaces.x, point.ends, point.share)
+        point.x = place_of(data.surfaces.x, point.ends, point.fraction)
         return point
 
     @wp.func
@@ -161,50 +140,50 @@ def points(scalar: type, worlds: bool = False):
 
 
 @functools.cache
-def crowding(scalar: type, worlds: bool):
-    """Compose (crowd_share, count_touching): the share of a point in what touches around it.
+def crowding(scalar: type):
+    """Compose (damping_fraction, count_touching): the part of a point in the dampers of what touches around it.
 
-    `crowd_share` returns the point's density, times that of all points around it over that of those which touched
-    in the substep before; between substeps (`measuring`) in the last. `count_touching` adds the point to the sums
-    of this substep.
+    `damping_fraction` returns the point's density, times that of all points around it over that of those which
+    touched in the substep before; between substeps (`measuring`) in the last. `count_touching` adds the point to
+    the sums of this substep.
     """
-    Data, Point = BodyContactData(scalar, worlds), points(scalar, worlds)[0]
+    Data, Point = BodyContactData(scalar), points(scalar)[0]
     one, whole, number_of = scalar(1.0), scalar(WHOLE), table(scalar)
 
     @wp.func
-    def crowd_share(data: Data, point: Point, measuring: int) -> scalar:
+    def damping_fraction(data: Data, point: Point, measuring: int) -> scalar:
         at = 1 - measuring
         first = scalar(data.surfaces.touching[point.ends[0], at])
         second = scalar(data.surfaces.touching[point.ends[1], at])
-        touching = (first + point.share * (second - first)) / whole
+        touching = (first + point.fraction * (second - first)) / whole
         touching = wp.max(wp.max(point.density, touching), scalar(1.0e-9))  # of a flat triangle it may be 0
         return point.density * number_of(data.surfaces.crowd, point.number) / touching
 
     @wp.func
     def count_touching(data: Data, point: Point, parts: int):
-        first = wp.int64(whole * (one - point.share) * point.density)
+        first = wp.int64(whole * (one - point.fraction) * point.density)
         add_whole(data.surfaces.touching, point.ends[0], 0, first, parts)
-        if point.share > scalar(0.0):
+        if point.fraction > scalar(0.0):
             add_whole(
-                data.surfaces.touching, point.ends[1], 0, wp.int64(whole * point.share * point.density), parts
+                data.surfaces.touching, point.ends[1], 0, wp.int64(whole * point.fraction * point.density), parts
             )
 
-    return crowd_share, count_touching
+    return damping_fraction, count_touching
 
 
 @functools.cache
-def hosts_of_points(scalar: type, worlds: bool):
+def hosts_of_points(scalar: type):
     """Compose (data, point) -> (corner, w): a facet on which a contact point lies, and its weights there.
 
     If there is none, it is the segment between the point's two vertices.
     """
-    V, Data, Point = vector(3, scalar), BodyContactData(scalar, worlds), points(scalar, worlds)[0]
+    V, Data, Point = vector(3, scalar), BodyContactData(scalar), points(scalar)[0]
     corner_of, zero, one = table(wp.vec3i), scalar(0.0), scalar(1.0)
 
     @wp.func
     def host_of(data: Data, point: Point):
         corner = wp.vec3i(point.ends[0], point.ends[1], point.ends[1])
-        w = V(one - point.share, point.share, zero)
+        w = V(one - point.fraction, point.fraction, zero)
         if point.host >= 0:
             host = corner_of(data.surfaces.corner, point.host)
             if host[1] != host[2]:  # else it has torn
@@ -212,9 +191,9 @@ def hosts_of_points(scalar: type, worlds: bool):
                 w = V()
                 for k in range(3):
                     if corner[k] == point.ends[1]:
-                        w[k] = point.share
+                        w[k] = point.fraction
                     if corner[k] == point.ends[0]:
-                        w[k] = one - point.share
+                        w[k] = one - point.fraction
         return corner, w
 
     return host_of

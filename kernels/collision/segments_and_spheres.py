@@ -4,17 +4,16 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel, vector
+from ..basis import vector
 from ..lanes import ballot_of_lanes, chosen_of_lanes, count_before, count_bits, least_of_lanes
-from ..partition import first_of_part, next_of_part
 from ..records import records
-from ..threads import grid_thread
 from .contact_data import HISTORY, BodyContactData, Substep
 from .facet_tree import FacetTree
 from .force_sums import Units, exert_on_segments
-from .history import displacements, memories
+from .history import memories, recall
 from .law import contact_law
-from .neighbor_search import bounds_of_blocks, each_active_point, row_end
+from .nearest_point import fraction_of_length
+from .neighbor_search import each_active_point, each_search_point, row_end
 from .pairs import ALMOST, FAR, NONE, crowding, places, points
 
 
@@ -31,26 +30,15 @@ def evaluate_segments_and_spheres(
     There are many such bodies, with few facets each. So each of the `lanes` threads of a point handles different
     bodies near it. For `overlapping_at_start` see `evaluate_contact`. If `grains`, each body is a grain.
     """
-    V, Data, Step = vector(3, scalar), BodyContactData(scalar, worlds), Substep(scalar)
-    (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar, worlds)
-    Memory, no_memory, remember, keep, shrink_overlap = memories(scalar, worlds)
+    V, Data, Step = vector(3, scalar), BodyContactData(scalar), Substep(scalar)
+    (place_of, place_on, _), (Point, point_of, mobility_of) = places(scalar), points(scalar)
+    Memory, no_memory, remember, keep, shrink_overlap = memories(scalar)
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
-    (held, moved_along), (crowd_share, count_touching) = displacements(scalar, worlds), crowding(scalar, worlds)
-    in_units, take_from, add_to = exert_on_segments(scalar)
-    load_vector = records(3, scalar).load
+    (held, moved_along), (damping_fraction, count_touching) = recall(scalar), crowding(scalar)
+    in_units, take_from = exert_on_segments(scalar)
+    load, fraction = records(3, scalar).load, fraction_of_length(scalar)
     least_number, pick = least_of_lanes(int, lanes), chosen_of_lanes(scalar, lanes)
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
-
-    @wp.func
-    def share_of(x: wp.array(dtype=V), corner: wp.vec3i, p: V) -> scalar:
-        """Return the weight of a segment's second end at the segment's point nearest to p; 0 for a grain."""
-        start = place_on(x, corner, V(one, zero, zero))
-        along = place_on(x, corner, V(zero, one, zero)) - start
-        squared = wp.length_sq(along)
-        share = zero
-        if squared > zero:
-            share = wp.clamp(wp.dot(p - start, along) / squared, zero, one)
-        return share
 
     @wp.func
     def find_nearest(data: Data, point: Point, first: int, place: int, buffer: scalar):
@@ -65,7 +53,7 @@ def evaluate_segments_and_spheres(
         t = scalar(0.0)
         if wp.static(grains):
             facet = data.neighbors.candidates[p, first]
-            best = wp.length_sq(point.x - load_vector(data.surfaces.x, data.surfaces.corner[facet][0]))
+            best = wp.length_sq(point.x - load(data.surfaces.x, data.surfaces.corner[facet][0]))
             return facet, best, t
         for e in range(first, data.neighbors.candidate_count[p]):
             if data.neighbors.candidate_pair[p, e] != place:
@@ -73,7 +61,9 @@ def evaluate_segments_and_spheres(
             if almost * data.neighbors.candidate_distance[p, e] <= near:
                 f = data.neighbors.candidates[p, e]
                 corner = data.surfaces.corner[f]
-                t_f = share_of(data.surfaces.x, corner, point.x)
+                start = load(data.surfaces.x, corner[0])
+                along = load(data.surfaces.x, corner[1]) - start
+                t_f = fraction(wp.dot(point.x - start, along), wp.length_sq(along))
                 squared = wp.length_sq(point.x - place_on(data.surfaces.x, corner, V(one - t_f, t_f, zero)))
                 if squared < best or (squared == best and f < facet):
                     best = squared
@@ -125,7 +115,7 @@ def evaluate_segments_and_spheres(
                 corner = data.surfaces.corner[facet % wp.static(NONE)]  # facet 0 if there is none
                 w = V(one - t, t, zero)
                 away = point.x - place_on(data.surfaces.x, corner, w)
-                u = place_of(data.surfaces.v, point.ends, point.share) - place_on(data.surfaces.v, corner, w)
+                u = place_of(data.surfaces.v, point.ends, point.fraction) - place_on(data.surfaces.v, corner, w)
                 gap = wp.sqrt(best)
                 normal = V()
                 if gap > zero:
@@ -136,7 +126,7 @@ def evaluate_segments_and_spheres(
                 mobility = zero
                 of_facet = zero
                 if overlap > zero:  # memory is read only in contact: most listed facets are not
-                    mobility = mobility_of(data.surfaces.mobility, point.ends, point.share)
+                    mobility = mobility_of(data.surfaces.mobility, point.ends, point.fraction)
                     of_facet = w[0] * w[0] * data.surfaces.mobility[corner[0]]
                     of_facet += t * t * data.surfaces.mobility[corner[1]]
                     mobility += of_facet
@@ -145,7 +135,7 @@ def evaluate_segments_and_spheres(
                     k_n, f_n, f_t, moved, fastest, _u_n, _u_t, _slides = press(
                         pair,
                         point.density,
-                        crowd_share(data, point, 0),
+                        damping_fraction(data, point, 0),
                         mobility,
                         of_facet,
                         overlap,
@@ -162,7 +152,7 @@ def evaluate_segments_and_spheres(
                     total += units
                     record(data, p, pair.mine, k_n, overlap, step, flags)
                     memory = remember(memory, pair.other, moved, fastest)
-        add_to(data.surfaces.force, point.ends, point.share, total, step.parts)
+        take_from(data.surfaces.force, point.ends[0], point.ends[1], point.fraction, -total, step.parts)
         memory = least_of_all(memory)
         if lane == 0:
             if step.h > zero or data.history.contact_body[0, p] < 0:  # as in `body_contact`
@@ -172,7 +162,7 @@ def evaluate_segments_and_spheres(
             if wp.static(overlapping_at_start):
                 shrink_overlap(data, p, step.h)
 
-    return each_active_point(evaluate_point, scalar, lanes, worlds, counts_time=True)
+    return each_active_point(evaluate_point, scalar, lanes, counts_time=True)
 
 
 @functools.cache
@@ -181,11 +171,18 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
 
     Each of the `lanes` threads of a point tests different bodies near it.
     """
-    Data, load, ballot = BodyContactData(scalar, worlds), records(3, scalar).load, ballot_of_lanes(lanes)
+    Data, load, ballot = BodyContactData(scalar), records(3, scalar).load, ballot_of_lanes(lanes)
     end_row, far = row_end(scalar, worlds), scalar(FAR)
 
     @wp.func
-    def find_one(data: Data, p: int, lane: int, flags: wp.array(dtype=float)):
+    def find_one(
+        data: Data,
+        tree: FacetTree,  # not used here
+        p: int,
+        lane: int,  # index among the threads of the point
+        farthest: scalar,  # not used here
+        flags: wp.array(dtype=float),
+    ):
         mine = data.surfaces.body[p]
         x = load(data.surfaces.x, data.surfaces.ends[p][0])
         slack = scalar(data.neighbors.slack[data.surfaces.ends[p][0]])
@@ -214,19 +211,4 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
             listed = wp.min(count, room)
             end_row(data, p, mine, listed, count - listed, count, flags)
 
-    def find(
-        data: Data,
-        tree: FacetTree,  # not used here
-        farthest: scalar,  # not used here
-        threads: int,
-        part: int,
-        parts: int,
-        flags: wp.array(dtype=float),
-    ):
-        e = first_of_part(grid_thread(), part) / wp.static(lanes)
-        lane = grid_thread() % wp.static(lanes)
-        while e < data.neighbors.search_point_count[0]:
-            find_one(data, data.neighbors.search_points[e], lane, flags)
-            e = next_of_part(e, threads / wp.static(lanes), parts)
-
-    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
+    return each_search_point(find_one, scalar, lanes)

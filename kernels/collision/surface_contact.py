@@ -47,23 +47,23 @@ def evaluate_surface(
     zero, one, third, tangential = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0), scalar(TANGENTIAL)
 
     @wp.func
-    def place_of(data: Data, p: int, row: int, share: scalar, x: V) -> V:
-        """Transform x to the frame of obstacle p, whose pose is a fraction `share` from `row` to the next."""
+    def place_of(data: Data, p: int, row: int, fraction: scalar, x: V) -> V:
+        """Transform x to the frame of obstacle p, whose pose is a `fraction` of the way from `row` to the next."""
         if wp.static(moving):
             begun = wp.transpose(data.turn[row, p]) * (x - data.shift[row, p])
-            if share > zero:
+            if fraction > zero:
                 ends = wp.transpose(data.turn[row + 1, p]) * (x - data.shift[row + 1, p])
-                begun += share * (ends - begun)
+                begun += fraction * (ends - begun)
             return begun
         return x
 
     @wp.func
-    def turned(data: Data, p: int, row: int, share: scalar, normal: V) -> V:
+    def turned(data: Data, p: int, row: int, fraction: scalar, normal: V) -> V:
         """Transform a direction from the frame of obstacle p to the frame of the scene."""
         if wp.static(moving):
             begun = data.turn[row, p] * normal
-            if share > zero:
-                begun += share * (data.turn[row + 1, p] * normal - begun)
+            if fraction > zero:
+                begun += fraction * (data.turn[row + 1, p] * normal - begun)
             return begun
         return normal
 
@@ -83,7 +83,7 @@ def evaluate_surface(
         b: V
         c: V
         row: int  # row of the obstacles' poses at the substep's start
-        share: scalar  # fraction of the substep that has passed
+        fraction: scalar  # fraction of the substep that has passed
         begins: scalar  # depth beyond which samples are pushed out [m]
 
     @wp.struct
@@ -111,7 +111,7 @@ def evaluate_surface(
         for e in range(wp.static(HISTORY)):
             if data.contact_body[e, t] == p:
                 inside.moved = data.tangential_displacement[e, t]
-                inside.side = data.way[e, t]
+                inside.side = data.side[e, t]
                 inside.level = data.level[e, t]
         return inside
 
@@ -124,27 +124,27 @@ def evaluate_surface(
         for s in range(wp.static(QUADRATURE_POINTS)):
             part = data.place[s]
             y = part[0] * facet.a + part[1] * facet.b + part[2] * facet.c
-            y = place_of(data, p, facet.row, facet.share, y)
+            y = place_of(data, p, facet.row, facet.fraction, y)
             found = distance_from(data.solids, p, y)
             depth = -found[3] - facet.begins
             if depth > zero:
-                way = V(found[0], found[1], found[2])
+                normal = V(found[0], found[1], found[2])
                 if kept:
                     behind_side = inside.level - wp.dot(inside.side, y) - facet.begins
                     depth = scalar(wp.static(CAP)) * depth
-                    way = scalar(wp.static(CAP)) * way
+                    normal = scalar(wp.static(CAP)) * normal
                     if behind_side < depth:
                         depth = wp.max(behind_side, zero)
-                        way = inside.side
+                        normal = inside.side
                 if depth > inside.most_deep:
                     inside.most_deep = depth
                     if not kept:
-                        inside.side = way
-                        inside.level = wp.dot(way, y) - found[3]
-                way = turned(data, p, facet.row, facet.share, way)
-                inside.f_a += (part[0] * depth) * way
-                inside.f_b += (part[1] * depth) * way
-                inside.f_c += (part[2] * depth) * way
+                        inside.side = normal
+                        inside.level = wp.dot(normal, y) - found[3]
+                normal = turned(data, p, facet.row, facet.fraction, normal)
+                inside.f_a += (part[0] * depth) * normal
+                inside.f_b += (part[1] * depth) * normal
+                inside.f_c += (part[2] * depth) * normal
                 inside.w += depth * part
                 inside.deep += depth
                 inside.squares += depth * depth
@@ -154,7 +154,7 @@ def evaluate_surface(
     @wp.func
     def surface_velocity(data: Data, facet: Facet, p: int, at: V) -> V:
         """Return the velocity of obstacle p at a point [m/s]."""
-        y = place_of(data, p, facet.row, facet.share, at)
+        y = place_of(data, p, facet.row, facet.fraction, at)
         following = wp.min(facet.row + 1, data.speed.shape[0] - 1)  # a frame's last row has no next one
         return scalar(0.5) * (
             data.turning[facet.row, p] * y
@@ -237,7 +237,7 @@ def evaluate_surface(
     def keep(data: Data, t: int, e: int, inside: Inside):
         data.contact_body[e, t] = inside.solid
         data.tangential_displacement[e, t] = inside.moved
-        data.way[e, t] = inside.side
+        data.side[e, t] = inside.side
         data.level[e, t] = inside.level
 
     @wp.func
@@ -249,14 +249,14 @@ def evaluate_surface(
         b: V,
         c: V,
         row: int,
-        share: scalar,
+        fraction: scalar,
         h: scalar,  # length of the coming substep [s]; 0 for measurements, which change no history
         most_rate: scalar,  # of the dampers of a particle's facets [1/s]
         unit: wp.float64,  # of forces [N]
         stored: wp.array(dtype=wp.float64),  # [J], shape [facet_count], if measuring
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
-        facet = Facet(t, corner, a, b, c, row, share, data.slack[t])
+        facet = Facet(t, corner, a, b, c, row, fraction, data.slack[t])
         if wp.static(overlapping_at_start):
             facet.begins += data.initial_overlap[t]
         middle = third * (a + b + c)
@@ -269,8 +269,8 @@ def evaluate_surface(
         second.solid = -1
         for o in range(data.solid.shape[0]):
             p = data.solid[o]
-            found = distance_from(data.solids, p, place_of(data, p, row, share, middle))
-            normal = turned(data, p, row, share, V(found[0], found[1], found[2]))
+            found = distance_from(data.solids, p, place_of(data, p, row, fraction, middle))
+            normal = turned(data, p, row, fraction, V(found[0], found[1], found[2]))
             ahead = wp.min(wp.dot(normal, a - middle), wp.dot(normal, b - middle))
             if found[3] + wp.min(ahead, wp.dot(normal, c - middle)) < -facet.begins:
                 inside = add_places(data, facet, recall(data, t, p))
@@ -298,7 +298,7 @@ def evaluate_surface(
     def evaluate_facets(
         data: Data,
         row: int,
-        share: scalar,
+        fraction: scalar,
         h: scalar,
         most_rate: scalar,
         unit: wp.float64,
@@ -325,16 +325,16 @@ def evaluate_surface(
                 y = middle
                 if wp.static(moving):
                     y = wp.transpose(data.turn[row, p]) * (middle - data.shift[row, p])
-                    if share > zero:
+                    if fraction > zero:
                         ends = wp.transpose(data.turn[row + 1, p]) * (middle - data.shift[row + 1, p])
-                        y += share * (ends - y)
+                        y += fraction * (ends - y)
                 low = data.lower[p]
                 high = data.upper[p]
                 if y[0] > low[0] - far and y[1] > low[1] - far and y[2] > low[2] - far:
                     if y[0] < high[0] + far and y[1] < high[1] + far and y[2] < high[2] + far:
                         near = True
             if near:
-                evaluate_facet(data, t, corner, a, b, c, row, share, h, most_rate, unit, stored, heated)
+                evaluate_facet(data, t, corner, a, b, c, row, fraction, h, most_rate, unit, stored, heated)
             else:
                 if wp.static((moving or overlapping_at_start) and not measuring):
                     data.power[t] = wp.float64(0.0)

@@ -44,8 +44,8 @@ def SurfaceContactData(scalar: type, moving: bool):
         slack: wp.array(dtype=scalar)  # smaller depths are rounding errors [m], less the radius of the shell
         tangential_displacement: wp.array2d(dtype=V)  # along contact_body [m], shape [HISTORY, facet_count]
         contact_body: wp.array2d(dtype=int)  # obstacle that the facet touches, −1: none
-        way: wp.array2d(dtype=V)  # normal of the entry side if the facet is deep, else 0
-        level: wp.array2d(dtype=scalar)  # offset of the entry side along `way`, in the obstacle's given pose [m]
+        side: wp.array2d(dtype=V)  # normal of the entry side if the facet is deep, else 0
+        level: wp.array2d(dtype=scalar)  # offset of the entry side along `side`, in the obstacle's given pose [m]
         initial_overlap: wp.array(dtype=scalar)  # depth at the start that is still allowed [m]
         overlap_release_speed: scalar  # rate at which initial_overlap shrinks [m/s]
         power: wp.array(dtype=wp.float64)  # power of the obstacles on it [W]

@@ -13,13 +13,13 @@ from .facet_tree import FacetTree, facets_within
 
 
 @functools.cache
-def find_tangles(scalar: type, lanes: int, worlds: bool = False):
+def find_tangles(scalar: type, lanes: int):
     """Compose the kernel that marks vertices of surfaces that have crossed since the start.
 
     Near pairs may not contain these: the vertices of an edge through a triangle and of this triangle. Each edge
     has `lanes` threads.
     """
-    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar, worlds), NearPairs(scalar)
+    V, Data, Pairs = vector(3, scalar), BodyContactData(scalar), NearPairs(scalar)
     load, (begin, find_next) = records(3, scalar).load, facets_within(lanes)
     zero = scalar(0.0)
 

@@ -9,7 +9,7 @@ from ..compensation import compensated_sum
 from ..partition import first_of_part, next_of_part, raise_to
 from ..records import records, table
 from ..threads import grid_thread
-from .contact_data import DUE, FORCED, MOVED, NEAR_WAY, WAY, BodyContactData, NearPairs, first_flag
+from .contact_data import DUE, FORCED, MOVED, NEAR_PATH, PATH, BodyContactData, NearPairs, first_flag
 from .facet_tree import drifts
 
 
@@ -22,10 +22,10 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     slack, or may do so in the coming substep. Where a substep begins, so does the count of what touches.
     The threads divide the vertices. On the CPU each part has a single thread, since each thread would copy `data`.
     """
-    V, Data = vector(dim, scalar), BodyContactData(scalar, worlds)
+    V, Data = vector(dim, scalar), BodyContactData(scalar)
     Compensation, _ = compensated_sum(dim, scalar, compensated)
     (load, store, _), first_of = records(dim, scalar), first_flag(scalar, worlds)
-    entry, weight_of, drift_of = table(int), table(scalar), drifts(scalar, worlds)
+    entry, weight_of, drift_of = table(int), table(scalar), drifts(scalar)
 
     @kernel
     def place(
@@ -72,11 +72,11 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
             if not (moved <= data.neighbors.moved[body]):
                 raise_to(data.neighbors.moved, body, moved)
             at = first_of(data, body)
-            if not (h * fast <= flags[at + wp.static(WAY)]):
-                raise_to(flags, at + wp.static(WAY), h * fast)
+            if not (h * fast <= flags[at + wp.static(PATH)]):
+                raise_to(flags, at + wp.static(PATH), h * fast)
             near = data.neighbors.body_pair_count[body] > 0
-            if near and not (h * fast <= flags[at + wp.static(NEAR_WAY)]):
-                raise_to(flags, at + wp.static(NEAR_WAY), h * fast)
+            if near and not (h * fast <= flags[at + wp.static(NEAR_PATH)]):
+                raise_to(flags, at + wp.static(NEAR_PATH), h * fast)
             if data.neighbors.due[0] != wp.static(FORCED):
                 slack = data.neighbors.slack[i] + data.neighbors.spare[body]
                 beside = moved - slack + 0.5 * skin
@@ -101,17 +101,17 @@ class TearingFacets:
     owned: wp.array(dtype=int)  # see `NearPairs`
     # Points, shape [point_count]:
     along: wp.array(dtype=int)  # the spring that it lies on, below 0: none
-    share: wp.array(dtype=wp.float64)
+    fraction: wp.array(dtype=wp.float64)
 
 
 @functools.cache
-def leave_out_torn(scalar: type, worlds: bool = False):
+def leave_out_torn(scalar: type):
     """Compose the kernel that turns torn facets into grains, and points on broken springs into vertices.
 
     A torn facet remains as its first corner only, a point as its first end. If any facet changes, a new search is
     due. The threads divide the facets and the points.
     """
-    Data, Pairs = BodyContactData(scalar, worlds), NearPairs(scalar)
+    Data, Pairs = BodyContactData(scalar), NearPairs(scalar)
 
     @wp.func
     def is_broken(tearing: TearingFacets, spring: int) -> bool:
@@ -137,9 +137,9 @@ def leave_out_torn(scalar: type, worlds: bool = False):
                     pairs.owned[i] = owned
                     data.neighbors.due[0] = wp.static(FORCED)
             if i < tearing.along.shape[0]:
-                data.surfaces.share[i] = scalar(tearing.share[i])
+                data.surfaces.fraction[i] = scalar(tearing.fraction[i])
                 if is_broken(tearing, tearing.along[i]):
-                    data.surfaces.share[i] = scalar(0.0)
+                    data.surfaces.fraction[i] = scalar(0.0)
             i = next_of_part(i, threads, parts)
 
     return leave_out

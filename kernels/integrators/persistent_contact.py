@@ -4,7 +4,7 @@
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
@@ -23,14 +23,6 @@ from .persistent import Before
 
 SEARCH_LANES = 8
 """Threads per point in a search; a cluster has too few threads for more."""
-
-
-class ContactParts(NamedTuple):
-    """Options by which a kernel with contact is composed."""
-
-    overlapping_at_start: bool
-    lanes: int
-    """Threads per point in the evaluation of forces."""
 
 
 @functools.cache
@@ -55,7 +47,7 @@ def ContactNumbers(scalar: type):
 @functools.cache
 def search_in_launch(scalar: type):
     """Compose (data, tree, pairs, numbers, buffer, flags, threads): build the lists for the current vertices."""
-    Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
+    Data, Pairs, Numbers = BodyContactData(scalar), NearPairs(scalar), ContactNumbers(scalar)
     lanes = SEARCH_LANES
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
@@ -97,18 +89,18 @@ def search_in_launch(scalar: type):
 
 
 @functools.cache
-def contact_before(composition: Composition, method: Any, options: ContactParts) -> Before:
+def contact_before(composition: Composition, method: Any, overlapping_at_start: bool, lanes: int) -> Before:
     """Compose what `persistent` does before forces: contact between bodies, with its searches.
 
-    It is for a single world on a GPU whose bodies are all solid, and for methods of one stage.
+    It is for a single world on a GPU whose bodies are all solid, and for methods of one stage. Each point has
+    `lanes` threads when forces are evaluated.
     """
     dim, scalar = composition.dim, composition.scalar
     SceneData, Step = tools(composition).SceneData, method(composition).Step
-    Data, Pairs, Numbers = BodyContactData(scalar, False), NearPairs(scalar), ContactNumbers(scalar)
+    Data, Pairs, Numbers = BodyContactData(scalar), NearPairs(scalar), ContactNumbers(scalar)
     place = as_function(place_vertices(dim, scalar, composition.compensated))
     search = search_in_launch(scalar)
-    composed = scalar, options.overlapping_at_start, options.lanes
-    evaluate = as_function(evaluate_contact(*composed))
+    evaluate = as_function(evaluate_contact(scalar, overlapping_at_start, lanes))
     watch = as_function(find_alarm(scalar))
 
     @wp.struct

@@ -26,10 +26,10 @@ NEAR, FAR, HOPS = 0.6, 2.4, 3
 LEAST_COSINE, GOOD_COSINE, SHORTER = 0.3, 0.975, 0.02
 """The least cosine of its direction with the normal; with which it looks no further; for how much less cosine a
 particle may be a spacing nearer."""
-LARGEST_SHARE = 0.6
+LARGEST_WEIGHT = 0.6
 """Largest weight of the particle towards which a vertex is moved."""
 DETERMINED = 0.05
-"""Least share of the area around a vertex that determines a direction: a flat face determines its normal only."""
+"""Least fraction of the area around a vertex that determines a direction: a flat face only its normal."""
 
 
 class TouchingSurfaces(NamedTuple):
@@ -44,8 +44,8 @@ class TouchingSurfaces(NamedTuple):
     """Weights of these particles, shape [vertex_count, k]."""
     ends: NDArray[np.int32]
     """The two vertices of each contact point, shape [point_count, 2]; equal if the point is a vertex."""
-    share: NDArray[np.float64]
-    """Weight of the second vertex in each point, shape [point_count]."""
+    fraction: NDArray[np.float64]
+    """How far each point is from its first vertex to its second: the weight of the second, shape [point_count]."""
     corner: NDArray[np.int32]
     """Vertices of each facet, shape [facet_count, 3], some equal for segments and points; grouped by body."""
     body: NDArray[np.int32]
@@ -109,13 +109,13 @@ def contact_surfaces(system: System, shape: NDArray[np.float64] | None = None) -
     fine = np.bincount(body, minlength=bodies) > FINE * carried
     edges = edges[~fine[body[edges[:, 0]]]]
     ends = np.concatenate([np.repeat(np.arange(len(particle))[:, None], 2, axis=1), edges])
-    share = np.repeat([0.0, 0.5], [len(particle), len(edges)])
+    fraction = np.repeat([0.0, 0.5], [len(particle), len(edges)])
 
     # From original lengths, so that motion and yielding do not change the thickness.
     spacing = spring_means(system, body_of, system.original_length) * np.where(rope, 1.0, SPACING)
     solid = drawn.copy()
     solid[body[open_edges(triangles)[:, 0]]] = False
-    share_of_spacing = np.where(solid, SOLID_RADIUS, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
+    relative_radius = np.where(solid, SOLID_RADIUS, np.where(drawn, SHEET_RADIUS, ROPE_RADIUS))
     # By places, which worlds with other rest lengths share.
     apart = np.diff(x[system.connections], axis=1)[:, 0]
     placed = SPACING * spring_means(system, body_of, np.linalg.norm(apart, axis=1))[body]
@@ -125,13 +125,13 @@ def contact_surfaces(system: System, shape: NDArray[np.float64] | None = None) -
         particle,
         weight,
         ends.astype(np.int32),
-        share,
+        fraction,
         corner.astype(np.int32),
         body.astype(np.int32),
         body_of.astype(np.int32),
         solid,
         spacing,
-        share_of_spacing * spacing,
+        relative_radius * spacing,
         spring_means(system, body_of, system.stiffness),
     )
 
@@ -154,7 +154,7 @@ def _moved_inwards(
     if not len(chosen):
         return particle, weight
     y = np.einsum("vk,vkd->vd", weight, x[particle])
-    way = _inward(y, triangles)
+    inwards = _inward(y, triangles)
     ends = np.concatenate([connections, connections[:, ::-1]])
     vertex, there = chosen, np.take_along_axis(particle, weight.argmax(axis=1)[:, None], axis=1)[chosen, 0]
     best, inner = np.full(len(y), LEAST_COSINE), np.zeros(len(y), dtype=np.int64)
@@ -170,8 +170,8 @@ def _moved_inwards(
         vertex, there = np.divmod(found[np.diff(found, prepend=-1) > 0], len(x))
         towards = x[there] - y[vertex]
         length = np.linalg.norm(towards, axis=1)
-        cosine = np.einsum("vd,vd->v", towards, way[vertex])
-        cosine /= np.maximum(length * np.linalg.norm(way[vertex], axis=1), 1e-300)
+        cosine = np.einsum("vd,vd->v", towards, inwards[vertex])
+        cosine /= np.maximum(length * np.linalg.norm(inwards[vertex], axis=1), 1e-300)
         near = length < FAR * spacing[vertex]
         # Of equally good directions the nearest; which is last in order of score is written last.
         score = np.where(
@@ -182,12 +182,12 @@ def _moved_inwards(
         best[vertex[order]], inner[vertex[order]] = score[order], there[order]
     moves = best > LEAST_COSINE
     towards = np.where(moves[:, None], x[inner] - y, 0.0)
-    # As far along its way as the planes around it are to move.
-    along = np.einsum("vd,vd->v", towards, way)
-    share = inset * np.einsum("vd,vd->v", way, way) / np.maximum(along, 1e-300)
-    share = np.where(moves, np.minimum(share, LARGEST_SHARE), 0.0)[:, None]
+    # As far along this displacement as the planes around it are to move.
+    along = np.einsum("vd,vd->v", towards, inwards)
+    inner_weight = inset * np.einsum("vd,vd->v", inwards, inwards) / np.maximum(along, 1e-300)
+    inner_weight = np.where(moves, np.minimum(inner_weight, LARGEST_WEIGHT), 0.0)[:, None]
     particle = np.column_stack([particle, np.where(moves, inner, particle[:, 0])])
-    return particle, np.column_stack([weight * (1.0 - share), share])
+    return particle, np.column_stack([weight * (1.0 - inner_weight), inner_weight])
 
 
 def _inward(y: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -30,8 +30,8 @@ def assert_points_lie_on_vertices_and_edges(found, edges: int) -> None:
     """Check that there is one point on each vertex, and one in the middle of each of so many edges."""
     vertices = len(found.particle)
     np.testing.assert_array_equal(found.ends[:vertices], np.arange(vertices)[:, None] * [1, 1])
-    assert (found.share[:vertices] == 0).all()
-    assert (found.share[vertices:] == 0.5).all()
+    assert (found.fraction[:vertices] == 0).all()
+    assert (found.fraction[vertices:] == 0.5).all()
     on_edges = np.sort(found.ends[vertices:], axis=1)
     assert len(on_edges) == len(np.unique(on_edges, axis=0)) == edges
 
@@ -84,7 +84,7 @@ def test_grains_touch_as_spheres_each_a_body_of_its_own():
     found = contact_surfaces(grains(5))
     np.testing.assert_array_equal(found.corner, np.arange(5)[:, None] * [1, 1, 1])
     np.testing.assert_array_equal(found.body, np.arange(5))
-    assert len(found.share) == 5
+    assert len(found.fraction) == 5
     for name in ("solid", "radius", "spacing", "stiffness"):  # nothing to take these from
         assert not getattr(found, name).any()
 

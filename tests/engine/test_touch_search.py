@@ -86,7 +86,7 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     found = rows_of(simulation)
     s, x = effect.surfaces.on_host, simulation.frame().position
     now = np.einsum("vk,vkd->vd", s.weight, x[s.particle])
-    points = now[s.ends[:, 0]] * (1 - s.share[:, None]) + now[s.ends[:, 1]] * s.share[:, None]
+    points = now[s.ends[:, 0]] * (1 - s.fraction[:, None]) + now[s.ends[:, 1]] * s.fraction[:, None]
     mine, other = s.body[s.ends[:, 0]], s.body[s.corner[:, 0]]
     own = mine[:, None] == other
     thickness = (

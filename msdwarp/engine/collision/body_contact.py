@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import contact_surfaces
-from ...kernels.collision.body_contact import contact_energy, evaluate_contact
+from ...kernels.collision.body_contact import evaluate_contact
 from ...kernels.collision.contact_data import DEEPEST, FLAGS, HELD_BACK, WHOLE, BodyContactData, body_contact_term
 from ...kernels.collision.force_sums import add_impulses
 from ...kernels.collision.neighbor_search import (
@@ -62,10 +62,10 @@ class BodyContact(WithHistory):
         for one in surfaces.by_row:
             self.rules.check(one)
         scalar, device = model.scalar, model.device
-        data = self._data = BodyContactData(scalar, model.in_worlds)()
+        data = self._data = BodyContactData(scalar)()
         self.rules.upload(data.rules, model, each)
         surfaces.upload(data.surfaces, model, each, self.rules.hops(on_host))
-        self._points = model.worlds * len(on_host.share)
+        self._points = model.worlds * len(on_host.ends)
         self.set_up_history(model, data.history, self._points, "touch", {"fastest": scalar})
         thickness, stiffness, units = self.rules.thickness, self.rules.stiffness, []
         thickest = 0.0
@@ -217,7 +217,7 @@ class BodyContact(WithHistory):
         inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: further threads would only start and end
         kernel = self._kernel(measuring)
-        self.neighbors.share(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
+        self.neighbors.launch_parts(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)
 
     def _kernel(self, measuring: bool) -> Any:
         """Return the kernel that `_evaluate` launches."""
@@ -225,7 +225,7 @@ class BodyContact(WithHistory):
         triangles = surfaces.triangles or measuring
         composed = model.scalar, self.overlapping_at_start, self.lanes(triangles), model.in_worlds
         if triangles:
-            return (contact_energy if measuring else evaluate_contact)(*composed)
+            return evaluate_contact(*composed, measuring)
         return evaluate_segments_and_spheres(*composed, surfaces.grains)
 
     def add_up(self, seconds: float) -> None:
@@ -272,10 +272,10 @@ class BodyContact(WithHistory):
         """Sum the densities of points that touch as kernels do, see `kernels.collision.pairs.crowding`."""
         data = self._data.surfaces
         those = self._data.history.contact_body.numpy()[0] >= 0
-        ends, second, density = (one.numpy()[those] for one in (data.ends, data.share, data.density))
+        ends, second, density = (one.numpy()[those] for one in (data.ends, data.fraction, data.density))
         touching = np.zeros(data.touching.shape, dtype=np.int64)
-        for end, share in ((0, 1 - second), (1, second)):
-            np.add.at(touching[:, 0], ends[:, end], (WHOLE * share * density).astype(np.int64))
+        for end, weight in ((0, 1 - second), (1, second)):
+            np.add.at(touching[:, 0], ends[:, end], (WHOLE * weight * density).astype(np.int64))
         data.touching.assign(touching)
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
@@ -283,7 +283,7 @@ class BodyContact(WithHistory):
         surfaces, arrays, found = self.surfaces.on_host, self.checkpoint(), []
         if not self._model.in_worlds:
             return [arrays]
-        points, bodies = len(surfaces.share), len(surfaces.solid)
+        points, bodies = len(surfaces.ends), len(surfaces.solid)
         for world in range(self._model.worlds):
             own = {name: values[:, world * points : (world + 1) * points] for name, values in arrays.items()}
             contact_body = own["touch.partner"]
@@ -296,13 +296,9 @@ class BodyContact(WithHistory):
         """The unit in which the forces of each world of an ensemble are summed [N], shape [worlds]."""
         return self._data.surfaces.unit
 
-    def blocks_of(self, worlds: int) -> NDArray[np.float64]:
-        """Return additions to diagonal blocks of K [N/m], shape [worlds, particle_count]."""
-        return self.blocks[np.arange(worlds) % len(self.blocks)]
-
-    def add_blocks_of_worlds(self, stiffness: wp.array, damping: wp.array) -> None:
+    def add_blocks_of_worlds(self, stiffness: wp.array) -> None:
         """Add the blocks of `add_blocks` for all worlds that differ, shape [different, particle_count]."""
-        each = self.blocks_of(len(stiffness))
+        each = self.blocks[np.arange(len(stiffness)) % len(self.blocks)]
         stiffness.assign(stiffness.numpy() + each[..., None, None] * np.eye(self._model.dim))
 
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:

@@ -19,7 +19,7 @@ STORED = {
     "contact_body": "partner",
     "fastest": "fastest",
     "initial_overlap": "allowed",
-    "way": "way",
+    "side": "way",
     "level": "level",
 }
 """Names of the arrays in checkpoints: those of version 0.1."""

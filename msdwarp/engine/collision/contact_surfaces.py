@@ -29,13 +29,13 @@ class ContactSurfaces:
         self.body_of_point, self.body_of_facet = surfaces.body[surfaces.ends[:, 0]], surfaces.body[corner[:, 0]]
         self.shape = surfaces.points(shape)
         """Positions of the vertices for particles at `shape` [m]."""
-        self._sides = sides_between(surfaces)
-        self.density = densities(surfaces, self.shape, self.body_of_point, *self._sides)
+        _, self._midpoint = sides_between(surfaces)
+        self.density = densities(surfaces, self.shape, self.body_of_point, self._midpoint)
         """Stiffness of each point as a fraction of that of an independent vertex, in proportion to its area."""
         self.around = np.zeros(len(surfaces.particle))
         """Sum of this at each vertex, over the points around it."""
-        np.add.at(self.around, surfaces.ends[:, 0], self.density * (1 - surfaces.share))
-        np.add.at(self.around, surfaces.ends[:, 1], self.density * surfaces.share)
+        np.add.at(self.around, surfaces.ends[:, 0], self.density * (1 - surfaces.fraction))
+        np.add.at(self.around, surfaces.ends[:, 1], self.density * surfaces.fraction)
 
     def upload(self, data: Any, model: Model, each: Repeated, hops: NDArray[np.int64]) -> None:
         """Fill the struct that kernels read; each body has no self-contact within its number `hops` of edges."""
@@ -60,12 +60,15 @@ class ContactSurfaces:
         mass = np.full((len(model.row_of("mass")), model.stride), np.inf)
         mass[:, : model.particle_count] = model.row_of("mass")
         data.inverse_mass = each.by_row(1.0 / mass, scalar)
-        data.ends, data.share = each.alike(surfaces.ends, wp.vec2i, vertices), each.alike(surfaces.share, scalar)
+        data.ends, data.fraction = (
+            each.alike(surfaces.ends, wp.vec2i, vertices),
+            each.alike(surfaces.fraction, scalar),
+        )
         data.body = each.alike(self.body_of_point, int, bodies)
         data.density = each.alike(self.density, scalar)
         first, second = self.around[surfaces.ends].T
-        data.crowd = each.alike(first + surfaces.share * (second - first), scalar)
-        host = hosts(surfaces, *self._sides)
+        data.crowd = each.alike(first + surfaces.fraction * (second - first), scalar)
+        host = hosts(surfaces, self._midpoint)
         data.host = each.alike(np.where(host < 0, -(2**30), host), int, len(surfaces.corner))  # below 0 in all
         data.corner = each.alike(surfaces.corner, wp.vec3i, vertices)
         data.owner = each.alike(self.body_of_facet, int, bodies)
@@ -96,64 +99,54 @@ def densities(
     surfaces: TouchingSurfaces,
     x: NDArray[np.float64],
     body: NDArray[np.int32],
-    of_side: NDArray[np.int64],
-    of_point: NDArray[np.int64],
+    midpoint: NDArray[np.int64],
 ) -> NDArray[np.float64]:
     """Return each point's stiffness as a fraction of that of an independent vertex of its body, by its area.
 
     Vertices are at x [m], shape [vertex_count, 3]. Of a triangle's area, or a segment's length, half belongs to
-    its corners and half to the midpoints of its sides, where these are points. `of_side` and `of_point` are those
-    of `sides_between`.
+    its corners and half to the midpoints of its sides, where these are points; `midpoint` from `sides_between`.
     """
-    vertices, corner = len(surfaces.particle), surfaces.corner
+    corner = surfaces.corner
     a, b, c = x[corner].transpose(1, 0, 2)
     triangle, grain = corner[:, 1] != corner[:, 2], corner[:, 0] == corner[:, 1]
     size = np.where(triangle, 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1), np.linalg.norm(b - a, axis=1))
     half = 0.5 * np.where(grain, 1.0, size)
     corners, sides = np.where(triangle, 3, np.where(grain, 1, 2)), np.where(triangle, 3, np.where(grain, 0, 1))
-    share, number = np.zeros(len(body)), np.full(of_side.max(initial=-1) + 1, -1)
-    number[of_point] = vertices + np.arange(len(of_point))
+    own = np.zeros(len(body))
     for k in range(3):
         present = k < corners
-        np.add.at(share, corner[present, k], half[present] / corners[present])
+        np.add.at(own, corner[present, k], half[present] / corners[present])
     for k in range(3):
-        present = (k < sides) & (number[of_side[:, k]] >= 0)
-        np.add.at(share, number[of_side[present, k]], half[present] / sides[present])
-    total = np.bincount(body, share, len(surfaces.solid))
-    return share * (bearing_vertices(surfaces) / np.maximum(total, 1e-300))[body]
-
-
-def side_keys(surfaces: TouchingSurfaces, ends: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return a number for each pair of vertices, in any order."""
-    return np.sort(ends.astype(np.int64), axis=-1) @ np.array([len(surfaces.particle), 1])
-
-
-def keys_of_sides(surfaces: TouchingSurfaces) -> NDArray[np.int64]:
-    """Return `side_keys` of the three sides of each facet, shape [facet_count, 3]."""
-    return side_keys(surfaces, np.stack([surfaces.corner, np.roll(surfaces.corner, -1, axis=1)], axis=-1))
+        present = (k < sides) & (midpoint[:, k] >= 0)
+        np.add.at(own, midpoint[present, k], half[present] / sides[present])
+    total = np.bincount(body, own, len(surfaces.solid))
+    return own * (bearing_vertices(surfaces) / np.maximum(total, 1e-300))[body]
 
 
 def sides_between(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the number of each side of each facet, [facet_count, 3], and that on which each midpoint lies.
+    """Return a number for each side of each facet, and the contact point on its middle, -1: none.
 
-    Facets on both sides of an edge have the same number for it.
+    Both have the shape [facet_count, 3]. Facets on both sides of an edge have the same number for it.
     """
-    keys, of_side = np.unique(keys_of_sides(surfaces), return_inverse=True)
-    of_point = np.searchsorted(keys, side_keys(surfaces, surfaces.ends[len(surfaces.particle) :]))
-    return of_side.reshape(surfaces.corner.shape), of_point
+    vertices, corner = len(surfaces.particle), surfaces.corner
+
+    def keys(ends: NDArray[np.integer]) -> NDArray[np.int64]:
+        return np.sort(ends.astype(np.int64), axis=-1) @ np.array([vertices, 1])
+
+    sides = np.stack([corner, np.roll(corner, -1, axis=1)], axis=-1)
+    key, of_side = np.unique(keys(sides), return_inverse=True)
+    point, middles = np.full(len(key), -1), surfaces.ends[vertices:]
+    point[np.searchsorted(key, keys(middles))] = vertices + np.arange(len(middles))
+    return of_side.reshape(corner.shape), point[of_side].reshape(corner.shape)
 
 
-def hosts(
-    surfaces: TouchingSurfaces, of_side: NDArray[np.int64], of_point: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return for each point a triangle on which it lies, -1 if it is on none; inputs as of `densities`."""
-    corner, found = surfaces.corner, np.full(len(surfaces.ends), -1)
+def hosts(surfaces: TouchingSurfaces, midpoint: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for each point a triangle on which it lies, -1 if it is on none; `midpoint` from `sides_between`."""
+    corner, found = surfaces.corner, np.full(len(surfaces.ends) + 1, -1)  # the last stands for no point
     triangles = np.flatnonzero(corner[:, 1] != corner[:, 2])
-    found[corner[triangles]] = triangles[:, None]
-    on_side = np.full(of_side.max(initial=-1) + 1, -1)
-    on_side[of_side[triangles]] = triangles[:, None]
-    found[len(surfaces.particle) :] = on_side[of_point]
-    return found
+    for points in (corner, midpoint):
+        found[points[triangles]] = triangles[:, None]
+    return found[:-1]
 
 
 def neighbourhoods(

@@ -30,7 +30,7 @@ from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
 from .contact_rules import ContactRules, unit_of_sums
-from .contact_surfaces import ContactSurfaces, keys_of_sides, side_keys
+from .contact_surfaces import ContactSurfaces, sides_between
 from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
@@ -96,7 +96,7 @@ class DivisionPlanes(Effect):
         edge, owned, points = edges(on_host)
         vertices, particles = len(on_host.particle), model.worlds * model.stride
         data.edge, data.owned = each.alike(edge, wp.vec2i, vertices), each.alike(owned, int)
-        data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.share))  # below 0 in all
+        data.points = each.alike(np.where(points < 0, -(2**30), points), int, len(on_host.ends))  # below 0 in all
         data.rank = each.alike(ranks(surfaces, edge), int)
         data.first_particle, data.particle_of, data.weight = drawn.first, drawn.particle, drawn.weight
         data.mobility, data.body_of, data.tangled = drawn.mobility, drawn.body_of, drawn.tangled
@@ -166,10 +166,10 @@ class DivisionPlanes(Effect):
     def _note_kernels(self) -> None:
         """Note the kernels of searches, and those that keep pairs apart, which may wake in any frame."""
         model, neighbors, note = self._model, self.neighbors, self._model.kernels.note
-        scalar, worlds = model.scalar, model.in_worlds
-        note(*self._searches(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes, worlds))
+        scalar = model.scalar
+        note(*self._searches(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes))
         if self.may_sleep:
-            note(find_alarm(scalar, worlds))
+            note(find_alarm(scalar))
         if len(self.pairs.driven):
             note(catch_up(scalar))
         note(self._measure)
@@ -180,9 +180,9 @@ class DivisionPlanes(Effect):
 
     def _searches(self) -> tuple[Any, Any, Any]:
         """Return the kernels that list near facets, their tests and near pairs."""
-        scalar, worlds = self._model.scalar, self._model.in_worlds
-        near = find_near_facets(scalar, self.neighbors.lanes, worlds, self._grains)
-        return near, list_tests(scalar, worlds), find_pairs(scalar, self.tangles, worlds)
+        scalar = self._model.scalar
+        near = find_near_facets(scalar, self.neighbors.lanes, self._grains)
+        return near, list_tests(scalar), find_pairs(scalar, self.tangles)
 
     def find(self, frame_begins: bool) -> None:
         """Launch the listing of near pairs with the tree of the `NeighborList`, before its search.
@@ -195,12 +195,12 @@ class DivisionPlanes(Effect):
             self._find_tangles()
         near, tests, pairs = self._searches()
         flags = [neighbors.flags]
-        neighbors.share(
+        neighbors.launch_parts(
             near, self._searching, [self._contact, neighbors.tree, data, self.activation, self._warps], flags
         )
         threads = WARP * -(-len(data.near_facets) // WARP)  # those of a warp work together
         for kernel in (tests, pairs):
-            neighbors.share(kernel, threads, [self._contact, data, self.activation], flags, MOST_TESTING)
+            neighbors.launch_parts(kernel, threads, [self._contact, data, self.activation], flags, MOST_TESTING)
 
     def start(self) -> None:
         """Exclude surfaces that cross each other at the start, until they have separated."""
@@ -212,15 +212,14 @@ class DivisionPlanes(Effect):
         pairs, neighbors = self.pairs, self.neighbors
         pairs.tangled.zero_()
         inputs, lanes = [self._contact, neighbors.tree, pairs], neighbors.lanes
-        kernel = find_tangles(self._model.scalar, lanes, self._model.in_worlds)
-        neighbors.share(kernel, lanes * len(pairs.edge), inputs, [])
+        neighbors.launch_parts(find_tangles(self._model.scalar, lanes), lanes * len(pairs.edge), inputs, [])
 
     def watch(self) -> None:
         """Launch the test whether surfaces may come so near that their pairs must be kept apart."""
         if self.may_sleep:
-            kernel, neighbors = find_alarm(self._model.scalar, self._model.in_worlds), self.neighbors
+            kernel, neighbors = find_alarm(self._model.scalar), self.neighbors
             inputs = [self._contact, self.pairs, self.activation, neighbors.dt]
-            neighbors.share(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
+            neighbors.launch_parts(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
         """Launch the kernels that keep near pairs apart, at the end of a substep.
@@ -234,7 +233,7 @@ class DivisionPlanes(Effect):
                 inputs = [self.pairs, before.x, steps.dt, self.least_gap]
                 neighbors.launch(catch_up(model.scalar), len(self.pairs.driven), inputs, outputs)
             measured = [self.pairs, before.x, after.x, self.least_gap, self.activation]
-            neighbors.share(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
+            neighbors.launch_parts(self._measure, len(self.pairs.vertices), measured, [], PAIR_THREADS)
             self._keep_apart(before, after)
         if substep + 1 == steps.substeps:  # otherwise the next substep tests it
             neighbors.place(after.x, after.v, after.compensation)
@@ -325,21 +324,18 @@ def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int
     The parts of a facet are its corners (bits 0 to 2) and sides (3 to 5). The first facet around a vertex or edge
     owns it. A grain (a particle that is a facet) counts as an edge with two equal ends.
     """
-    corner = surfaces.corner
+    corner, (side, midpoint) = surfaces.corner, sides_between(surfaces)
     facets, triangle = len(corner), corner[:, 1] != corner[:, 2]
     numbers = np.flatnonzero(np.stack([np.ones(facets, dtype=bool), triangle, triangle], axis=1))
-    key, first_side = np.unique(keys_of_sides(surfaces).reshape(-1)[numbers], return_index=True)
+    _, first_side = np.unique(side.reshape(-1)[numbers], return_index=True)
     vertex, first_corner = np.unique(corner, return_index=True)
-    vertices = len(surfaces.particle)
     owned, points = np.zeros((facets, 6), dtype=np.int32), np.full((facets, 6), -1)
-    facet, part = np.divmod(np.append(first_corner, numbers[first_side]), 3)
-    part[len(vertex) :] += 3
-    owned[facet, part] = 1 << part
-    number, middles = np.full(len(key), -1), side_keys(surfaces, surfaces.ends[vertices:])
-    number[np.searchsorted(key, middles)] = vertices + np.arange(len(middles))
-    points[facet, part] = np.append(vertex, number)
-    edge = np.stack(np.divmod(key, vertices), axis=1)
-    return edge.astype(np.int32), owned.sum(axis=1), points.reshape(-1)
+    facet, k = np.divmod(numbers[first_side], 3)
+    edge = np.sort(np.stack([corner[facet, k], corner[facet, (k + 1) % 3]], axis=1), axis=1)
+    owned[facet, k + 3], points[facet, k + 3] = 8 << k, midpoint[facet, k]
+    facet, k = np.divmod(first_corner, 3)
+    owned[facet, k], points[facet, k] = 1 << k, vertex
+    return edge, owned.sum(axis=1), points.reshape(-1)
 
 
 def ranks(surfaces: ContactSurfaces, edge: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -45,8 +45,8 @@ def _continued(collider: Collider, geometry: dict[str, Any], up: NDArray, offset
         more = _missing(float(b @ up) - offset, float((a - b) @ up) / height, height, deep)
         if more == 0.0:
             return geometry
-        share = 1.0 + more / height  # scaled about the apex, so that the sides stay
-        return geometry | {"b": a + share * (b - a), "radius": share * geometry["radius"]}
+        scale = 1.0 + more / height  # scaled about the apex, so that the sides stay
+        return geometry | {"b": a + scale * (b - a), "radius": scale * geometry["radius"]}
     for k, axis in enumerate(np.asarray(geometry["axes"]).T):
         for out in (-axis, axis):
             more = _missing(float((a + b[k] * out) @ up) - offset, float(-out @ up), float(b[k]), deep)

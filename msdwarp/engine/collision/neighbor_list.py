@@ -21,9 +21,9 @@ from ...kernels.collision.contact_data import (
     MOST_BODY_PAIRS,
     MOVED,
     NEAR_FACETS,
-    NEAR_WAY,
+    NEAR_PATH,
     PAIRS,
-    WAY,
+    PATH,
     Pair,
 )
 from ...kernels.collision.facet_tree import begin_search, box_facets, box_neighbours, find_roots
@@ -57,13 +57,13 @@ MOST_ROOM = 2**30
 """Maximal number of entries in all rows."""
 LEAST_SKIN = 0.25
 """Initial and least width of the skin, as a fraction of the distance at which bodies touch."""
-SKIN_BY_WAY = 2.5
+SKIN_BY_PATH = 2.5
 """Width of the skin over the longest path of a vertex while lists should be valid; at least 2 are needed."""
 WIDEST_SKIN = 0.5
 """Largest width of the skin, over the distance at which bodies touch, unless the next limit is wider."""
 SPACINGS_OF_SKIN = 0.4
 """Largest width of the skin, as a fraction of the least spacing; wider means longer rows, fewer searches."""
-FARTHEST_WAY = 64.0
+LONGEST_PATH = 64.0
 """A body that moves this multiple of its spacing, or of the contact distance, in a substep has diverged, or is too
 fast for contact."""
 MOST_THREADS = 2**14
@@ -110,13 +110,15 @@ class NeighborList:
         self._model, self._contact, self.data = model, contact, contact.neighbors
         on_host, data = surfaces.on_host, self.data
         scalar, device = model.scalar, model.device
-        bodies, self._points = model.worlds * len(on_host.solid), model.worlds * len(on_host.share)
+        bodies, self._points = model.worlds * len(on_host.solid), model.worlds * len(on_host.ends)
         self.farthest = thickest
+        """The largest distance of any contact [m]."""
         spacing = on_host.spacing[on_host.spacing > 0]
         least_spacing = float(spacing.min()) if len(spacing) else 0.0
         self._widest = max(WIDEST_SKIN * thickest, SPACINGS_OF_SKIN * least_spacing)
         self._least_skin = LEAST_SKIN * thickest
-        self._farthest_way = FARTHEST_WAY * max(thickest, float(spacing.max(initial=0.0)))
+        self.longest_path = LONGEST_PATH * max(thickest, float(spacing.max(initial=0.0)))
+        """A body has diverged, or is too fast for contact, if it moves further in a substep [m]."""
         self._skin_now = self._least_skin
         self.most_slack = MOST_SLACK * self._widest
         """How far a fast vertex may at most move before the next search, unless it is half of the skin [m]."""
@@ -137,9 +139,9 @@ class NeighborList:
         """Flags set by launches since they were last read, by world: see `kernels.collision.contact_data`."""
         owner, x_first = surfaces.data.owner.numpy(), surfaces.data.x.numpy()[: len(on_host.particle)]
         a, b = (x_first[end] for end in on_host.ends.T)
-        on_curve = places_along_curve(a + on_host.share[:, None] * (b - a), MORTON_BITS)
+        on_curve = places_along_curve(a + on_host.fraction[:, None] * (b - a), MORTON_BITS)
         in_order = np.lexsort([on_curve, surfaces.body_of_point]).astype(np.int32)
-        data.in_order = each.alike(in_order, int, len(on_host.share))
+        data.in_order = each.alike(in_order, int, len(on_host.ends))
         data.x_found = in_records(len(surfaces.data.x), model.dim, scalar, device)
         data.since = wp.zeros(1, dtype=float, device=device)
         data.due = wp.full(1, FORCED, dtype=int, device=device)
@@ -164,13 +166,11 @@ class NeighborList:
         """Binary tree of the boxes around facets, if single threads search."""
         self._bodies: wp.Bvh | None = None
         """Tree of the boxes around bodies, if there are many."""
-        self.planes, many_bodies = (
-            planes,
-            len(on_host.solid) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES),
-        )
-        note, kinds = model.kernels.note, (scalar, model.in_worlds)
-        self._begin_search, self._find_candidates = note(begin_search(*kinds)), note(find_candidates(*kinds))
-        self._box_facets = note(box_facets(scalar, self._warp, model.in_worlds))
+        self.planes = planes
+        many_bodies = len(on_host.solid) > (MOST_BODIES_ON_GPU if device.is_cuda else MOST_BODIES)
+        note = model.kernels.note
+        self._begin_search, self._find_candidates = note(begin_search(scalar)), note(find_candidates(scalar))
+        self._box_facets = note(box_facets(scalar, self._warp))
         self._box_neighbours = note(box_neighbours(scalar, 0 if many_bodies else self._warp, model.in_worlds))
         search = find_rows_of_grains if self._grains else find_rows
         self._find_in_rows = note(search(scalar, self.lanes, model.in_worlds), block=BLOCK)
@@ -197,7 +197,7 @@ class NeighborList:
         self._give_room(ROOM, min(ROOM, bodies))
         self._find_rows_with_room()
 
-    def share(
+    def launch_parts(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
     ) -> None:
         """Launch a kernel whose threads divide `many` items: on a GPU one thread per item, but at most `most`.
@@ -233,8 +233,8 @@ class NeighborList:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
         ahead = (self.check_every + LEAST_ALLOWANCE) * self.dt if checks else 0.0
-        inputs = [contact, compensation, x, v, after, self.dt, ahead, self.buffer, self._farthest_way, int(begins)]
-        self.share(kernel, len(contact.surfaces.x), inputs, [self.flags])
+        inputs = [contact, compensation, x, v, after, self.dt, ahead, self.buffer, self.longest_path, int(begins)]
+        self.launch_parts(kernel, len(contact.surfaces.x), inputs, [self.flags])
 
     def search(
         self, x: wp.array, v: wp.array, compensation: Any, after: float, begins: bool, frame_begins: bool
@@ -245,7 +245,7 @@ class NeighborList:
         depend on when lists are made.
         """
         if frame_begins and self.torn is not None:
-            self.torn.leave_out(self.share)
+            self.torn.leave_out(self.launch_parts)
         checks = frame_begins or (begins and self.substep % self.check_every == 0)
         self.place(x, v, compensation, after, checks, begins)
         if checks:
@@ -261,11 +261,6 @@ class NeighborList:
     def invalidate(self) -> None:
         """Make the next evaluation of forces rebuild the lists, since positions have changed."""
         self.data.due.fill_(FORCED)
-
-    @property
-    def margins(self) -> tuple[float, float]:
-        """Argument `beyond` of `place_vertices`, and the largest distance of any contact [m]."""
-        return self._farthest_way, self.farthest
 
     def make_room(self, x: wp.array, v: wp.array) -> None:
         """List the facets near each point, and enlarge the lists until all fit."""
@@ -317,8 +312,8 @@ class NeighborList:
         self.launch(self._box_neighbours, threads, [contact, tree, tree_of_bodies, self.farthest], [self.flags])
         self.planes.find(frame_begins)
         inputs, searching = [contact, tree, self.farthest], MOST_SEARCHING
-        self.share(self._find_candidates, self._points, inputs, [])
-        self.share(self._find_in_rows, self.lanes * self._points, inputs, [self.flags], searching, BLOCK)
+        self.launch_parts(self._find_candidates, self._points, inputs, [])
+        self.launch_parts(self._find_in_rows, self.lanes * self._points, inputs, [self.flags], searching, BLOCK)
 
     def judge(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
         """Choose the skin from the flags of a frame; return whether the frame must be repeated.
@@ -327,21 +322,21 @@ class NeighborList:
         """
         flags = flags.reshape(-1, FLAGS).astype(np.float64)
         self.active, pairs, near_facets = (int(flags[0, one]) for one in (ACTIVE, PAIRS, NEAR_FACETS))
-        fast = counts & (flags[:, WAY] >= self._farthest_way)
-        self.too_far = float(flags[fast, WAY].max(initial=0.0))
-        flags = flags[counts & (flags[:, WAY] < self._farthest_way)]
+        fast = counts & (flags[:, PATH] >= self.longest_path)
+        self.too_far = float(flags[fast, PATH].max(initial=0.0))
+        flags = flags[counts & (flags[:, PATH] < self.longest_path)]
         if not len(flags):
             return False
-        highest = flags.max(axis=0)[[MOVED, WAY, NEAR_WAY, LONGEST_ROW, MOST_BODY_PAIRS]]
-        moved, way, near_way, longest, body_pairs = highest.tolist()
+        highest = flags.max(axis=0)[[MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS]]
+        moved, path, near_path, longest, body_pairs = highest.tolist()
         held = moved <= 0.5 * self._skin_now
-        narrowest = 2.0 * way * (CHECK_EVERY + ALLOWANCE)
+        narrowest = 2.0 * path * (CHECK_EVERY + ALLOWANCE)
         if narrowest > self._widest:
             self.check_every = 1
         elif narrowest < 0.5 * self._widest:
             self.check_every = self._check_every
-        wanted = min(self._widest, max(self._least_skin, SKIN_BY_WAY * MOST_BETWEEN * near_way))
-        wanted = max(wanted, 0.0 if held else SKIN_BY_WAY * moved)
+        wanted = min(self._widest, max(self._least_skin, SKIN_BY_PATH * MOST_BETWEEN * near_path))
+        wanted = max(wanted, 0.0 if held else SKIN_BY_PATH * moved)
         if wanted > self._skin_now or wanted < NARROWER * self._skin_now:
             # It narrows over some frames: what was too fast once may soon be again, and a frame is repeated then.
             self._skin_now = max(wanted, NARROWER * self._skin_now)

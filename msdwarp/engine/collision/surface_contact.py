@@ -107,7 +107,7 @@ class SurfaceContact(WithHistory):
         data.stiffness, data.whole = array(stiffness, scalar), array(whole[body], scalar)
         radius = np.where(surfaces.solid, surfaces.radius, 0.0)[body]  # the facets of a solid body are inside it
         data.slack = array(SLACK * surfaces.spacing[body] - radius, scalar)
-        self.set_up_history(model, data, count, "straddle", {"way": model.vector, "level": scalar})
+        self.set_up_history(model, data, count, "straddle", {"side": model.vector, "level": scalar})
         data.solid = array(met, int)
         data.solids, data.friction = contact.data.solids, contact.data.surface.friction
         boxes = np.array([_box_around(one) for one in colliders])
@@ -164,11 +164,11 @@ class SurfaceContact(WithHistory):
         times = self.steps.stage_times
         self._stage = 0 if begins else self._stage + 1
         # An evaluation after the last stage is at the substep's end.
-        share = times[self._stage] if self._stage < len(times) else 1.0
-        row, share = (self._substep + 1, 0.0) if share == 1.0 else (self._substep, share)
+        fraction = times[self._stage] if self._stage < len(times) else 1.0
+        row, fraction = (self._substep + 1, 0.0) if fraction == 1.0 else (self._substep, fraction)
         self._data.force.zero_()
         dt = self.steps.dt
-        self._launch(False, [row, share, dt if begins else 0.0, DAMPING / dt], [self._nowhere, self._nowhere])
+        self._launch(False, [row, fraction, dt if begins else 0.0, DAMPING / dt], [self._nowhere, self._nowhere])
 
     def _launch(self, measuring: bool, how: list, sums: list) -> None:
         """Launch the kernel over all facets: on a GPU a thread per facet, on the CPU a single thread."""

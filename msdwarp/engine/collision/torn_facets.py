@@ -47,12 +47,12 @@ class TornFacets:
         along = _springs(model, surfaces, surfaces.ends)
         along[surfaces.solid[surfaces.body[surfaces.ends[:, 0]]]] = NO_SPRING
         data.along = each.alike(along, int, model.connection_count)
-        data.share = each.alike(surfaces.share, wp.float64)
+        data.fraction = each.alike(surfaces.fraction, wp.float64)
 
-    def leave_out(self, share: Callable[..., None]) -> None:
-        """Launch the update of facets and points by `share`, which is `NeighborList.share`."""
-        kernel = leave_out_torn(self._model.scalar, self._model.in_worlds)
-        share(kernel, max(len(self._data.corner), len(self._data.along)), [*self._given, self._data], [])
+    def leave_out(self, launch_parts: Callable[..., None]) -> None:
+        """Launch the update of facets and points by `NeighborList.launch_parts`."""
+        kernel = leave_out_torn(self._model.scalar)
+        launch_parts(kernel, max(len(self._data.corner), len(self._data.along)), [*self._given, self._data], [])
 
 
 def _springs(model: Model, surfaces: TouchingSurfaces, ends: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -177,5 +177,5 @@ def _with_effects(assembly: Assembly, state: State, blocks: Any, effects: Any) -
         if resistance.any():
             damping.assign(damping.numpy() + resistance[:, None, None] * np.eye(model.dim))
     if contact is not None and contact in effects:  # adds to all worlds in one call
-        contact.add_blocks_of_worlds(*blocks)
+        contact.add_blocks_of_worlds(blocks[0])
     return largest_rates(model, *blocks)

@@ -7,7 +7,7 @@ import warp as wp
 
 from ...kernels.collision.neighbor_search import ON_GPU
 from ...kernels.integrators.persistent import MOST_THREADS, persistent
-from ...kernels.integrators.persistent_contact import ContactNumbers, ContactParts, contact_before
+from ...kernels.integrators.persistent_contact import ContactNumbers, contact_before
 from ..collision.body_contact import DAMPING, BodyContact
 from ..model.state import Instant
 from .dynamics import Dynamics
@@ -47,8 +47,8 @@ class ContactLaunch:
     def _kernel(self) -> tuple[Any, Any]:
         """Return the kernel, and what it does before forces."""
         effect, composition = self._effect, self._dynamics.composition
-        parts = ContactParts(effect.overlapping_at_start, effect.lanes(triangles=True))
-        before = contact_before(composition, self._method, parts)
+        how = effect.overlapping_at_start, effect.lanes(triangles=True)
+        before = contact_before(composition, self._method, *how)
         return persistent(composition, self._method, CLUSTER, before=before), before
 
     def launch(self, substeps: int, first: int) -> None:
@@ -57,7 +57,7 @@ class ContactLaunch:
         neighbors, planes = effect.neighbors, effect.planes
         dynamics.go_to_substep(first)
         numbers, h = ContactNumbers(model.scalar)(), effect.steps.dt
-        numbers.beyond, numbers.farthest = neighbors.margins
+        numbers.beyond, numbers.farthest = neighbors.longest_path, neighbors.farthest
         numbers.h, numbers.rate, numbers.per_unit = h, DAMPING / h, 1.0 / effect.data.unit
         numbers.ahead, numbers.soon, numbers.most = AHEAD * h, SOON * h, neighbors.most_slack
         numbers.activation = planes.activation
