@@ -141,8 +141,10 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                 on = data.surfaces.force
                 f = f_n * normal + f_t
                 by = per_unit_of(data, pair.mine, step)
-                exert(on, host, w_host, mine, f, wp.cross(arm, f_t), by, lane, step.parts)
-                exert(on, nearest.corner, nearest.w, other, -f, wp.cross(f_t, other_arm), by, lane, step.parts)
+                exert(on, host, mine, f, w_host[1] * f, w_host[2] * f, wp.cross(arm, f_t), by, lane, step.parts)
+                w = -nearest.w
+                couple = wp.cross(f_t, other_arm)
+                exert(on, nearest.corner, other, -f, w[1] * f, w[2] * f, couple, by, lane, step.parts)
                 if lane == 0:
                     record(data, p, pair.mine, k_n, overlap, step, flags)
         return bears, moved, fastest, energy, power

@@ -18,11 +18,10 @@ Units = wp.types.vector(3, wp.int64)
 
 @functools.cache
 def exert_force(scalar: type, lanes: int):
-    """Compose (force, corner, w, triangle, f, couple, per_unit, lane, parts), which adds f [N] to a facet.
+    """Compose wp.func that adds a force f [N] to a facet, with a couple [N m] if the facet takes one.
 
-    The force acts where the corners have the weights w, with a couple [N m] if the facet takes one. In units of
-    1 / per_unit [N] the forces on the corners sum to exactly f. The `lanes` threads of a contact divide the
-    coordinates.
+    Of the force f_1 and f_2 act on its second and third corners. In units of 1 / per_unit [N] the forces on the
+    corners sum to exactly f. The `lanes` threads of a contact divide the coordinates.
     """
     V, (Triangle, _, turn_by, _) = vector(3, scalar), triangles(scalar)
     third = scalar(1.0 / 3.0)
@@ -31,9 +30,10 @@ def exert_force(scalar: type, lanes: int):
     def exert(
         force: wp.array2d(dtype=wp.int64),
         corner: wp.vec3i,
-        w: V,
         triangle: Triangle,
         f: V,
+        f_1: V,
+        f_2: V,
         couple: V,
         per_unit: wp.float64,  # [1/N]
         lane: int,
@@ -41,8 +41,8 @@ def exert_force(scalar: type, lanes: int):
     ):
         turn = turn_by(triangle, couple)
         middle = third * (triangle.first + triangle.second)
-        first = w[1] * f + wp.cross(turn, triangle.first - middle)
-        second = w[2] * f + wp.cross(turn, triangle.second - middle)
+        first = f_1 + wp.cross(turn, triangle.first - middle)
+        second = f_2 + wp.cross(turn, triangle.second - middle)
         for k in range(lane, 3, wp.static(lanes)):
             total = wp.int64(wp.float64(f[k]) * per_unit)
             on_1 = wp.int64(wp.float64(first[k]) * per_unit)
@@ -88,10 +88,11 @@ def exert_on_segments(scalar: type):
 
 
 @functools.cache
-def add_impulses(dim: int, scalar: type, compensated: bool):
-    """Compose the kernel, over particles, that sums the impulses of contact with other bodies, in float64.
+def add_impulses(dim: int, scalar: type, compensated: bool, by_obstacles: bool):
+    """Compose the kernel, over particles, that sums the impulses of contact, in float64.
 
-    `seconds` is the weight of the current stage in the method's sum over the substep.
+    `seconds` is the weight of the current stage in the method's sum over the substep. If `by_obstacles`, the sums
+    are of what obstacles have added to forces `before`, and per mass [m/s].
     """
     VertexForces = body_contact_term(dim, scalar, compensated).Data
     Wide = vector(dim, wp.float64)
@@ -99,6 +100,8 @@ def add_impulses(dim: int, scalar: type, compensated: bool):
     @kernel
     def add_impulse(
         body_contact: VertexForces,
+        before: wp.array2d(dtype=wp.int64),  # in units, shape [vertex_count, 3]; not used for other bodies
+        inverse_mass: wp.array(dtype=scalar),  # [1/kg], shape [particle_count]
         seconds: wp.float64,  # duration for which the forces count [s]
         # In and out:
         impulse: wp.array(dtype=Wide),  # [N s], shape [particle_count]
@@ -108,8 +111,13 @@ def add_impulses(dim: int, scalar: type, compensated: bool):
         for s in range(body_contact.first[i], body_contact.first[i + 1]):
             vertex = body_contact.vertex[s]
             for k in range(wp.static(dim)):
-                f = wp.float64(body_contact.force[vertex, k]) * body_contact.unit
+                whole = body_contact.force[vertex, k]
+                if wp.static(by_obstacles):
+                    whole = whole - before[vertex, k]
+                f = wp.float64(whole) * body_contact.unit
                 total[k] = total[k] + wp.float64(body_contact.weight[s]) * f
+        if wp.static(by_obstacles):
+            total = wp.float64(inverse_mass[i]) * total
         impulse[i] = impulse[i] + seconds * total
 
     return add_impulse

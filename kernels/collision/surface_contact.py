@@ -25,6 +25,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..colliders.signed_distance import signed_distance
 from .contact_data import HISTORY
+from .force_sums import exert_force
 from .law import TANGENTIAL, friction, triangles
 from .surface_contact_data import QUADRATURE_POINTS, SurfaceContactData
 
@@ -39,10 +40,11 @@ def evaluate_surface(
     """Compose the kernel of the forces of obstacles on facets; if `measuring`, of the energy [J] and power [W].
 
     Its threads divide the facets. If a facet starts inside an obstacle (`overlapping_at_start`), an allowed depth,
-    which shrinks to 0, is subtracted from depths. Forces are summed as integers, as between bodies.
+    which shrinks to 0, is subtracted from depths. Forces are added to those between bodies, as integers.
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
     distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
+    exert = exert_force(scalar, lanes=1)
     _, triangle_of, turn_by, spin_of = triangles(scalar)
     zero, one, third, tangential = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0), scalar(TANGENTIAL)
 
@@ -66,14 +68,6 @@ def evaluate_surface(
                 begun += fraction * (data.turn[row + 1, p] * normal - begun)
             return begun
         return normal
-
-    @wp.func
-    def add_to(data: Data, vertex: int, f: V, unit: wp.float64):
-        for s in range(data.first[vertex], data.first[vertex + 1]):
-            part = data.weight[s] * f
-            for k in range(3):
-                whole = wp.int64(wp.float64(part[k]) / unit)
-                wp.atomic_add(data.force, data.particle[s], k, whole)
 
     @wp.struct
     class Facet:
@@ -164,7 +158,7 @@ def evaluate_surface(
         )
 
     @wp.func
-    def bear(data: Data, facet: Facet, before: Inside, h: scalar, most_rate: scalar, unit: wp.float64):
+    def bear(data: Data, facet: Facet, before: Inside, h: scalar, most_rate: scalar, per_unit: wp.float64):
         """Exert the force of one contact between a facet and an obstacle.
 
         Return the new history, whether there is a force, the stored energy [J], the dissipated power [W], and the
@@ -218,13 +212,12 @@ def evaluate_surface(
                 power = wp.float64(heat)
             else:
                 by = f_n / size
-                turn = turn_by(triangle, wp.cross(arm, f_t))
-                centre = third * (facet.a + facet.b + facet.c)
-                add_to(data, corner[0], by * inside.f_a + w[0] * f_t + wp.cross(turn, facet.a - centre), unit)
-                add_to(data, corner[1], by * inside.f_b + w[1] * f_t + wp.cross(turn, facet.b - centre), unit)
-                add_to(data, corner[2], by * inside.f_c + w[2] * f_t + wp.cross(turn, facet.c - centre), unit)
+                f = f_n * normal + f_t
+                f_b = by * inside.f_b + w[1] * f_t
+                f_c = by * inside.f_c + w[2] * f_t
+                exert(data.force, corner, triangle, f, f_b, f_c, wp.cross(arm, f_t), per_unit, 0, 1)
                 if wp.static(moving):
-                    done += wp.float64(wp.dot(f_n * normal + f_t, surface))
+                    done += wp.float64(wp.dot(f, surface))
                 if wp.static(overlapping_at_start):
                     if data.initial_overlap[t] > zero:
                         done += wp.float64(k * inside.deep * data.overlap_release_speed)
@@ -252,7 +245,7 @@ def evaluate_surface(
         fraction: scalar,
         h: scalar,  # length of the coming substep [s]; 0 for measurements, which change no history
         most_rate: scalar,  # of the dampers of a particle's facets [1/s]
-        unit: wp.float64,  # of forces [N]
+        per_unit: wp.float64,  # units of force per newton [1/N]
         stored: wp.array(dtype=wp.float64),  # [J], shape [facet_count], if measuring
         heated: wp.array(dtype=wp.float64),  # [W]
     ):
@@ -274,7 +267,7 @@ def evaluate_surface(
             ahead = wp.min(wp.dot(normal, a - middle), wp.dot(normal, b - middle))
             if found[3] + wp.min(ahead, wp.dot(normal, c - middle)) < -facet.begins:
                 inside = add_places(data, facet, recall(data, t, p))
-                inside, bears, more, heat, work = bear(data, facet, inside, h, most_rate, unit)
+                inside, bears, more, heat, work = bear(data, facet, inside, h, most_rate, per_unit)
                 energy += more
                 power += heat
                 done += work
@@ -301,7 +294,7 @@ def evaluate_surface(
         fraction: scalar,
         h: scalar,
         most_rate: scalar,
-        unit: wp.float64,
+        per_unit: wp.float64,
         threads: int,
         stored: wp.array(dtype=wp.float64),
         heated: wp.array(dtype=wp.float64),
@@ -334,7 +327,7 @@ def evaluate_surface(
                     if y[0] < high[0] + far and y[1] < high[1] + far and y[2] < high[2] + far:
                         near = True
             if near:
-                evaluate_facet(data, t, corner, a, b, c, row, fraction, h, most_rate, unit, stored, heated)
+                evaluate_facet(data, t, corner, a, b, c, row, fraction, h, most_rate, per_unit, stored, heated)
             else:
                 if wp.static((moving or overlapping_at_start) and not measuring):
                     data.power[t] = wp.float64(0.0)

@@ -1,14 +1,11 @@
-"""Device data of contact between facets and obstacles, the forces on particles, and sums of forces and powers."""
+"""Device data of contact between facets and obstacles, and sums of powers."""
 
 import functools
-from typing import Any
 
 import warp as wp
 
 from ..basis import kernel, vector
 from ..colliders.signed_distance import solids
-from ..compensation import compensated_sum
-from ..effect import ForceTerm
 
 SIDES = 12
 """Intervals along each side of a facet."""
@@ -33,10 +30,8 @@ def SurfaceContactData(scalar: type, moving: bool):
         # Vertices, weighted means of particles, as in `place_vertices`:
         x: wp.array(dtype=V)  # position [m], shape [vertex_count]
         v: wp.array(dtype=V)  # velocity [m/s]
-        first: wp.array(dtype=int)  # row starts of particle and weight, shape [vertex_count + 1]
-        particle: wp.array(dtype=int)  # shape [any]
-        weight: wp.array(dtype=scalar)  # of each particle, shape [any]
         mobility: wp.array(dtype=scalar)  # Σ weight² / mass [1/kg], shape [vertex_count]
+        force: wp.array2d(dtype=wp.int64)  # on the vertex, in units, shape [vertex_count, 3]
         # Facets, of shape [facet_count] unless noted:
         corner: wp.array(dtype=wp.vec3i)  # its three vertices
         stiffness: wp.array(dtype=scalar)  # of each sample on it [N/m]
@@ -49,7 +44,6 @@ def SurfaceContactData(scalar: type, moving: bool):
         initial_overlap: wp.array(dtype=scalar)  # depth at the start that is still allowed [m]
         overlap_release_speed: scalar  # rate at which initial_overlap shrinks [m/s]
         power: wp.array(dtype=wp.float64)  # power of the obstacles on it [W]
-        force: wp.array2d(dtype=wp.int64)  # on particles, in units, shape [particle_count, 3]
         # Obstacles:
         solid: wp.array(dtype=int)  # indices of the obstacles that are not planes, shape [solid_count]
         solids: Solids  # shapes of all obstacles
@@ -65,59 +59,6 @@ def SurfaceContactData(scalar: type, moving: bool):
             speed: wp.array2d(dtype=V)
 
     return FacetsAndObstacles
-
-
-@functools.cache
-def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the force term of contact between facets and obstacles."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
-
-    @wp.struct
-    class Pushed:
-        force: wp.array2d(dtype=wp.int64)  # in units, shape [particle_count, 3]
-        unit: wp.float64  # [N]
-
-    def force(SceneData: Any):
-        @wp.func
-        def push(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
-            total = V()
-            for k in range(wp.static(dim)):
-                total[k] = scalar(wp.float64(scene.surface_contact.force[i, k]) * scene.surface_contact.unit)
-            return total
-
-        return push
-
-    return ForceTerm("surface_contact", Pushed, force=force, selective=True)
-
-
-@functools.cache
-def add_pushes(scalar: type):
-    """Compose the kernel, over particles, that sums the impulses of obstacles' forces on facets.
-
-    Forces act for `seconds`. The sums are impulses per mass [m/s], in float64.
-    """
-    Wide = vector(3, wp.float64)
-
-    @kernel
-    def add_push(
-        force: wp.array2d(dtype=wp.int64),  # in units, shape [particle_count, 3]
-        unit: wp.float64,  # [N]
-        inverse_mass: wp.array(dtype=scalar),  # [1/kg], shape [particle_count]
-        seconds: wp.float64,  # duration for which the forces count [s]
-        # In and out:
-        impulse: wp.array(dtype=Wide),  # per mass [m/s], shape [particle_count]
-    ):
-        i = wp.tid()
-        by_mass = seconds * unit * wp.float64(inverse_mass[i])
-        total = Wide()
-        for k in range(3):
-            total[k] = by_mass * wp.float64(force[i, k])
-        impulse[i] = impulse[i] + total
-
-    return add_push
 
 
 @kernel

@@ -232,11 +232,11 @@ class BodyContact(WithHistory):
         """Launch the addition of contact forces times `seconds` [s] to `impulse`, if requested."""
         model = self._model
         if self.impulse is not None:
-            kernel, inputs = self._add_impulses(), [self.data, seconds]
-            wp.launch(kernel, model.particle_count, inputs, [self.impulse], device=model.device)
+            inputs = [self.data, self.data.force, model.inverse_mass, seconds]
+            wp.launch(self._add_impulses(), model.particle_count, inputs, [self.impulse], device=model.device)
 
     def _add_impulses(self) -> Any:
-        return add_impulses(self._model.dim, self._model.scalar, self._model.compensated)
+        return add_impulses(self._model.dim, self._model.scalar, self._model.compensated, False)
 
     def look(self) -> None:
         """Launch the copy of the neighbor lists' flags for `is_void`."""

@@ -9,21 +9,20 @@ from numpy.typing import NDArray
 
 from ...bodies import TouchingSurfaces
 from ...kernels.colliders.signed_distance import KINDS
+from ...kernels.collision.force_sums import add_impulses
 from ...kernels.collision.surface_contact import evaluate_surface
 from ...kernels.collision.surface_contact_data import (
     QUADRATURE_POINTS,
     SurfaceContactData,
     add_energies,
-    add_pushes,
     quadrature_weights,
-    surface_contact_term,
 )
 from ...world import Box, Collider, Contact, Load, Plane
 from ..model.model import Model
 from .body_contact import OVERLAP, BodyContact
 from .colliders import LARGEST, Colliders
 from .contact_history import SEPARATION_TIME, WithHistory
-from .contact_rules import spread_to_particles, unit_of_sums
+from .contact_rules import spread_to_particles
 from .contact_surfaces import bearing_vertices
 from .penetration_depth import start_depths
 
@@ -69,10 +68,14 @@ def surface_contact_of(
 class SurfaceContact(WithHistory):
     """Keeps the facets of bodies out of obstacles, as `Colliders` does for particles.
 
+    Its forces are added to those of contact between bodies on the same vertices, after these are computed.
+
     See `kernels.collision.surface_contact`. `contact` has the poses of obstacles, `touching` the vertices; `met`
     has the indices of the obstacles that are tested; `corner` has the vertices of each facet, shape [facet_count,
     3], without facets that are single particles.
     """
+
+    piece = data = None
 
     def __init__(
         self,
@@ -94,7 +97,7 @@ class SurfaceContact(WithHistory):
         data = self._data = SurfaceContactData(scalar, contact.moves)()
         body, count = surfaces.body[corner[:, 0]], len(corner)
         data.place = array(quadrature_weights(), model.vector)
-        for name in ("x", "v", "first", "particle", "weight", "mobility"):
+        for name in ("x", "v", "mobility", "force"):
             setattr(data, name, getattr(vertices, name))
         data.corner = array(corner, wp.vec3i)
         # Contact with a rigid body is twice as stiff as with an equal one, unless its stiffness is given.
@@ -116,14 +119,6 @@ class SurfaceContact(WithHistory):
         data.damping = array(damping, scalar)
         data.thin = array([THIN * min(one.inradius(), LARGEST) for one in colliders], scalar)
 
-        self.members = np.zeros(model.particle_count, dtype=bool)
-        self.members[surfaces.particle[corner][surfaces.weight[corner] != 0]] = True
-        data.force = wp.zeros((model.particle_count, 3), dtype=wp.int64, device=device)
-        self.piece = surface_contact_term(model.dim, scalar, model.compensated)
-        self.data = self.piece.Data()
-        self.data.force = data.force
-        self._unit = unit_of_sums(float(whole.max(initial=0.0)) * float(surfaces.spacing.max()))
-        self.data.unit = self._unit
         self._nowhere = wp.zeros(0, dtype=wp.float64, device=device)
         self._blocks = _blocks(model, surfaces, corner, stiffness)
 
@@ -140,7 +135,9 @@ class SurfaceContact(WithHistory):
         if self.done is not None:
             model.kernels.note(add_energies)
         if contact.contact_forces:
-            model.kernels.note(add_pushes(scalar))
+            self._before = wp.zeros_like(data.force)
+            self._add_impulses = add_impulses(model.dim, scalar, model.compensated, True)
+            model.kernels.note(self._add_impulses)
 
     def begin(self, substeps: int, dt: float) -> None:
         """Let kernels read the obstacles' poses in a frame from the arrays of `Colliders`."""
@@ -166,7 +163,8 @@ class SurfaceContact(WithHistory):
         # An evaluation after the last stage is at the substep's end.
         fraction = times[self._stage] if self._stage < len(times) else 1.0
         row, fraction = (self._substep + 1, 0.0) if fraction == 1.0 else (self._substep, fraction)
-        self._data.force.zero_()
+        if self._contact.contact_forces:
+            wp.copy(self._before, self._data.force)
         dt = self.steps.dt
         self._launch(False, [row, fraction, dt if begins else 0.0, DAMPING / dt], [self._nowhere, self._nowhere])
 
@@ -174,7 +172,9 @@ class SurfaceContact(WithHistory):
         """Launch the kernel over all facets: on a GPU a thread per facet, on the CPU a single thread."""
         device, kernel = self._model.device, self._kernel(measuring)
         threads = len(self._data.corner) if device.is_cuda else 1
-        wp.launch(kernel, threads, [self._data, *how, self._unit, threads], sums, device=device)
+        wp.launch(
+            kernel, threads, [self._data, *how, 1.0 / self._touching.data.unit, threads], sums, device=device
+        )
 
     def _kernel(self, measuring: bool) -> Any:
         kinds = self._kinds, self._contact.moves, self.overlapping_at_start
@@ -187,17 +187,17 @@ class SurfaceContact(WithHistory):
             inputs = [self._data.power, seconds]
             wp.launch(add_energies, len(self.done), inputs, [self.done], device=model.device)
         if contact.contact_forces:
-            inputs = [self._data.force, self._unit, model.inverse_mass, seconds]
+            inputs = [self._touching.data, self._before, model.inverse_mass, seconds]
             outputs = [contact.data.impulse]
-            wp.launch(add_pushes(model.scalar), model.particle_count, inputs, outputs, device=model.device)
+            wp.launch(self._add_impulses, model.particle_count, inputs, outputs, device=model.device)
 
     def overlapping(self) -> str | None:
         """Return a warning about the facet that an obstacle penetrates deepest at the start, or None."""
         if not self.overlapping_at_start:
             return None
         facet, deep = self._deepest
-        vertex = int(self._data.corner.numpy()[facet][0])
-        particle = int(self._data.particle.numpy()[self._data.first.numpy()[vertex]])
+        vertex, surfaces = int(self._data.corner.numpy()[facet][0]), self._touching.surfaces.on_host
+        particle = int(surfaces.particle[vertex][surfaces.weight[vertex] != 0][0])
         return (
             f"an obstacle reaches {deep:.3g} m into the surface at particle {particle} at the start: it is moved "
             f"out within {SEPARATION_TIME} s; move the body or the obstacle apart"

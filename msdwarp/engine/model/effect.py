@@ -213,7 +213,7 @@ class Effect:
         return any(getattr(type(self), name) is not getattr(Effect, name) for name in names)
 
     def add_up(self, seconds: float) -> None:
-        """Launch the sum of the forces that `before_forces` has computed, weighted with `seconds`.
+        """Launch the sum of the forces that `before_forces` has just computed, weighted with `seconds`.
 
         Over a substep's stages the weights sum to its length. Only measurements read these sums.
         """

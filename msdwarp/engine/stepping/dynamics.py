@@ -345,11 +345,11 @@ class Dynamics:
     def _launch_before_forces(self, step: Any, begins: bool) -> None:
         """Launch what effects need before the forces of a stage."""
         within = self._evaluated_within() if self._one_thread else []
+        summing = self._summing if self._in_frame and not self._measuring else []
         for effect in self._preceding:
             if effect not in within:
                 effect.before_forces(step.x, step.v, step.compensation, begins)
-        if self._in_frame and not self._measuring:
-            for effect in self._summing:
+            if effect in summing:
                 effect.add_up(self.steps.dt * self.steps.weights[self._stage])
 
     @property
