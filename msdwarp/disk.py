@@ -55,10 +55,12 @@ def _sync(path: Path, flags: int) -> None:
 
 @contextmanager
 def failure_named(path: Path, failed: str = "could not be written") -> Iterator[None]:
-    """Within this context, replace an OSError by one whose message names this file."""
+    """Within this context, replace an OSError by one whose message names this file, unless it names one."""
     try:
         yield
     except OSError as error:
+        if isinstance(error.__cause__, OSError):  # raised here before, of a file that is written meanwhile
+            raise
         raise OSError(f"{path} {failed}: {error.strerror or error}") from error
 
 

@@ -214,7 +214,8 @@ def msdwarp(tmp_path, monkeypatch, capsys):
     """
     from msdwarp.cli import process
     from msdwarp.cli.app import app
-    from msdwarp.cli.process import COMPILING, finish
+    from msdwarp.cli.entry_points import finish
+    from msdwarp.cli.process import COMPILING
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(process, "TELL_EVERY", 1e6)

@@ -117,7 +117,7 @@ def levels() -> dict[str, int]:
 
 
 def file_imports() -> dict[str, set[str]]:
-    """Return the files that each file of the package imports, those for types included, those in functions not.
+    """Return the files that each file of the package imports, those for types and those in functions included.
 
     The face of the package itself imports all; it is left out.
     """
@@ -128,7 +128,7 @@ def file_imports() -> dict[str, set[str]]:
             other = item.name
             while other and other not in modules():
                 other = other.rpartition(".")[0]
-            if other and not item.lazy and other not in (name, TOP):
+            if other and other not in (name, TOP):
                 found[name].add(other)
     return found
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from rooms import ROOT, TOP, arrows, file_circles, folders, imports, levels, modules, room_of
+from rooms import ROOT, TOP, arrows, file_circles, file_imports, folders, imports, levels, modules, room_of
 
 import msdwarp
 
@@ -230,8 +230,16 @@ TOO_LONG: set[str] = set()
 
 
 def test_no_files_import_each_other():
-    # Imports for types count: they hide that two files are one.
+    # Imports for types and in functions count: they hide that two files are one.
     assert file_circles() == []
+
+
+def test_the_commands_know_nothing_of_the_app():
+    app = {f"{TOP}.cli.{name}" for name in ("app", "entry_points", "file_commands")}
+    below = {name: others for name, others in file_imports().items() if name.startswith(f"{TOP}.cli.commands.")}
+    found = {name: app & others for name, others in below.items()}
+    assert found
+    assert not any(found.values())
 
 
 def test_folders_stay_small():

@@ -10,9 +10,9 @@ from shutil import which
 
 import numpy as np
 
+from msdwarp.cli.commands.view import view_of
 from msdwarp.cli.options import ViewOptions
 from msdwarp.cli.scene_files import find_scene
-from msdwarp.cli.view import view_of
 from msdwarp.live import Browser
 
 from ..common import IMAGES

@@ -35,9 +35,9 @@ def import_all() -> None:
     import pyvista  # noqa: F401
 
     import msdwarp.cli.app
-    import msdwarp.cli.draw
-    import msdwarp.cli.stored_runs
-    import msdwarp.cli.view  # noqa: F401
+    import msdwarp.cli.commands.draw
+    import msdwarp.cli.commands.stored_runs
+    import msdwarp.cli.commands.view  # noqa: F401
 
 
 def probed_once() -> None:
@@ -89,7 +89,7 @@ def _command(words: list[str], folder: Path) -> NoReturn:
     code = 1
     try:
         from msdwarp.cli.app import app
-        from msdwarp.cli.process import finish
+        from msdwarp.cli.entry_points import finish
 
         finish(lambda: app(words))
     except SystemExit as stop:

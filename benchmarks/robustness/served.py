@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from msdwarp import Simulation
+from msdwarp.cli.commands.view import SHELF, view_of
 from msdwarp.cli.options import ViewOptions
 from msdwarp.cli.scene_files import find_scene
-from msdwarp.cli.view import SHELF, view_of
 from msdwarp.live import Browser, View, guard
 
 PATIENCE = 300.0

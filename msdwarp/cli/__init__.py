@@ -3,4 +3,4 @@
 Only this room imports cyclopts and rich, after signal handlers are set up.
 """
 
-from .process import main as main, scene_main as scene_main
+from .entry_points import main as main, scene_main as scene_main

@@ -105,7 +105,7 @@ def sweep(scene: Name, /, *flags: Words) -> None:
         return
     origin = find_scene(scene)
     with at_once():
-        from .sweep import sweep_scene
+        from .commands.sweep import sweep_scene
     sweep_scene(origin, f"msdwarp sweep {scene}", flags)
 
 
@@ -149,7 +149,7 @@ def compile_kernels(
         )
     start_warp(False)
     with at_once():
-        from .compile import compile_scenes
+        from .commands.compile import compile_scenes
     compile_scenes(list(names), arch, options)
 
 
@@ -174,5 +174,5 @@ def _act(command: str, chosen: tuple[Origin, Any] | None, *given: Any) -> None:
     origin, options = chosen
     start_warp(options.verbose)
     with at_once():
-        action = getattr(import_module(f".{command}", __package__), f"{command}_scene")
+        action = getattr(import_module(f".commands.{command}", __package__), f"{command}_scene")
     action(*given, origin, origin.scene(), options)

@@ -37,7 +37,7 @@ _MOST_FPS = 60.0
 def info(file: File, /) -> None:
     """Describe a trajectory: its contents, and the run that made it."""
     with at_once():
-        from .info import description
+        from .commands.info import description
     with opened(file) as trajectory:
         print(description(trajectory), end="")
 
@@ -126,7 +126,7 @@ def render(
         from rich.console import Console
 
         from .. import checks
-        from .draw import draw
+        from .commands.draw import draw
     talk = Console(stderr=True, quiet=quiet)
     with opened(file) as trajectory:
         shown, fps = frames_shown(trajectory, first, last, every, speed)
@@ -162,7 +162,7 @@ def view(file: File, *, options: ViewOptions = VIEW, script: Script = UNTRUSTED)
     with at_once():
         from rich.console import Console
 
-        from .view import view_trajectory
+        from .commands.view import view_trajectory
     with opened(file) as trajectory:
         name, scene = _scene_of(trajectory, Console(stderr=True), script)
         view_trajectory(trajectory, scene, name, options)
@@ -243,7 +243,7 @@ def resume(
     """
     start_warp(verbose)
     with at_once():
-        from .stored_runs import resume_run
+        from .commands.stored_runs import resume_run
     if not folder.exists():
         raise FileNotFoundError(f"{folder} does not exist; it must be the folder of a run")
     folder = folder if folder.is_dir() else folder.parent
@@ -271,7 +271,7 @@ def rerun(
     """
     start_warp(verbose)
     with at_once():
-        from .stored_runs import rerun
+        from .commands.stored_runs import rerun
     with opened(file) as trajectory:
         differences = rerun(trajectory, device=device, out=out, quiet=quiet, script=script)
     if differences is not None:
@@ -324,7 +324,7 @@ def _drawn(
     with at_once():
         from rich.console import Console
 
-        from .draw import drawn
+        from .commands.draw import drawn
         from .provenance import restored_options
 
     talk = Console(stderr=True, quiet=to in ("obj", "stl"))  # which have no colors

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any, NoReturn
 
-from ..runtime import asked
+from ..runtime import asked, handling, in_main_thread
 
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 _A_LITTLE = 0.02
@@ -93,20 +93,9 @@ def _is_fragile(frame: FrameType | None) -> bool:
     return False
 
 
-@contextlib.contextmanager
-def handled(handler: Callable[[int, Any], Any]) -> Iterator[None]:
+def handled(handler: Callable[[int, Any], Any]) -> contextlib.AbstractContextManager[Any]:
     """Use a handler for signals; in other threads than the main one do nothing, since they receive no signals."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in heard(*ALL)}
-    for number in before:
-        signal.signal(number, handler)
-    try:
-        yield
-    finally:
-        for number, own in before.items():
-            signal.signal(number, own)
+    return handling(handler, heard(*ALL)) if in_main_thread() else contextlib.nullcontext()
 
 
 def at_once() -> contextlib.AbstractContextManager[None]:

@@ -147,11 +147,8 @@ class Layout:
     def open(self, file: Any) -> None:
         """Prepare to append frames to a file; raise ValueError if an array in it cannot grow."""
         self._file, self._steps = file, file[ROOT]["Steps"]
-        # Early files have no numbers of substeps.
-        arrays = {
-            one.name: one.open(file) for one, _ in self._arrays() if one.name in file or one.name != _SUBSTEPS
-        }
-        self._times, self._substeps = arrays[_TIMES], arrays.get(_SUBSTEPS)
+        arrays = {one.name: one.open(file) for one, _ in self._arrays()}
+        self._times, self._substeps = arrays[_TIMES], arrays[_SUBSTEPS]
         self._datasets = {name: arrays[f"{ROOT}/{name}"] for name in self._per_frame}
         self._broken_at = None if self._edges is None else file[ROOT].get(BROKEN_AT)
         if self._broken_at is not None:
@@ -182,7 +179,7 @@ class Layout:
             return False
         if frame is None:
             return True
-        if self._times[k] != frame.time or (self._substeps is not None and self._substeps[k] != record.substeps):
+        if self._times[k] != frame.time or self._substeps[k] != record.substeps:
             return False
         broken_at = None if self._broken_at is None else record.broken_at
         if broken_at is not None and not same(self._known_until(frame.time), self._known_by(broken_at)):
@@ -210,10 +207,8 @@ class Layout:
                 _at_least(self._steps[name], until)
                 offsets = np.multiply.outer(np.arange(k, until), stride)
                 self._steps[name][k:until] = offsets + (name == "NumberOfParts")
-            if self._substeps is not None:
-                _at_least(self._substeps, until)
-        if self._substeps is not None:
-            self._substeps[k] = record.substeps
+            _at_least(self._substeps, until)
+        self._substeps[k] = record.substeps
         if self._readings is not None:
             self._readings.add(record.rows)
             self._readings.note(k)

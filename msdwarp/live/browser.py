@@ -53,8 +53,6 @@ class Browser:
 
         if port is not None and not 1 <= checks.count("port", port, 1) <= 65535:
             raise ValueError(f"port is {port}; it must be from 1 to 65535")
-        if port is not None and _is_taken(host, port):  # viser would use the next free port
-            raise ValueError(f"port is {port}, which another program listens on; choose another or leave it out")
         self._access = Access(host, allow_origin)
         self._waiting: Callable[[], int] = lambda: 0
         self._server: Any = None
@@ -71,6 +69,10 @@ class Browser:
             # viser prints addresses even if not verbose.
             with guarded(self._access, lambda: self._waiting() >= MOST_WAITING), redirect_stdout(io.StringIO()):
                 self._server = Server(host, PORT if port is None else port, label="msdwarp", verbose=False)
+            if port not in (None, self._server.get_port()):  # viser has taken the next free one
+                raise ValueError(
+                    f"port is {port}, which another program listens on; choose another or leave it out"
+                )
         except ValueError:
             self.close()
             raise
@@ -294,16 +296,6 @@ class Browser:
         if self._server is not None:
             with redirect_stdout(io.StringIO()):
                 self._server.stop()
-
-
-def _is_taken(host: str, port: int) -> bool:
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError:
-            return True
-    return False
 
 
 def _ray(camera: Any, point: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pictures import Drawing, Part, divided_triangle, ramp
+from ..pictures import Drawing, Part, divided, ramp
 
 LEVELS = 24
 """Number of colors of a scale in a browser."""
@@ -83,18 +83,12 @@ def _textured(drawing: Drawing, one: Part, divisions: int) -> tuple[NDArray, NDA
     triangles = one.triangles
     if len(np.unique(drawing.uv[triangles].reshape(-1, 2), axis=0)) == 1:
         divisions = 1  # one color everywhere
-    steps, pieces = divided_triangle(divisions)
-    weights = steps / divisions
-    uv = np.einsum("pcv,tvk->tpck", weights[pieces], drawing.uv[triangles])
+    corners, weights, faces = divided(triangles, divisions)
+    middle = np.einsum("vk,vkd->vd", weights, drawing.uv[corners])[faces].mean(axis=1)
     height, width = drawing.texture.shape[:2]
-    middle = uv.mean(axis=2)
     column = np.clip((middle[..., 0] % 1.0) * width, 0, width - 1).astype(int)
     row = np.clip((1.0 - middle[..., 1] % 1.0) * height, 0, height - 1).astype(int)
-    colors = _few(drawing.texture[row, column].reshape(-1, 3))
-    corners = np.repeat(triangles, len(weights), axis=0)
-    all_weights = np.tile(weights, (len(triangles), 1)).astype(np.float32)
-    faces = (pieces[None] + len(weights) * np.arange(len(triangles))[:, None, None]).reshape(-1, 3)
-    return corners, all_weights, faces, colors
+    return corners, weights.astype(np.float32), faces, _few(drawing.texture[row, column])
 
 
 def _few(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:

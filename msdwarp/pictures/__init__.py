@@ -8,7 +8,7 @@ from .onscreen import OnScreen
 from .opengl_window import no_display
 from .parts import Part
 from .renderer import Renderer, no_opengl, picture_size
-from .sheets import divided_triangle
+from .sheets import divided
 from .stage import Camera, Stage, visible
 from .timelapse import still, timelapse
 from .warp_renderers import RayCaster

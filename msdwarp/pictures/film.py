@@ -10,7 +10,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
-from queue import Full, Queue
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from .. import checks
-from ..disk import failure_named, replacing, writing
+from ..disk import writing
 from ..runtime import cores
 
 try:
@@ -26,8 +25,8 @@ try:
 except ImportError:  # no ISA-L for this processor: slower, the same pictures
     import zlib
 
-MOST_WRITERS, WAITING = 8, 3
-"""Maximal number of threads that write frames, and of pictures that wait for the film: limits of memory."""
+MOST_WRITERS = 8
+"""Maximal number of threads that compress pictures: a limit of memory."""
 SMEARED = 16
 """Margin around changes that a WebP film also stores [pixels]: compression smears colors that far."""
 FRAME_FORMATS = ("png", "none")
@@ -70,13 +69,8 @@ def write_film(
             deque(pieces, maxlen=0)
             return None
         path = folder / f"{name}.{video}"
-        with replacing(path) as unfinished:
-
-            def take(passed_on: Iterator[Any]) -> None:
-                with failure_named(path):
-                    _write_film(passed_on, unfinished, video, fps)
-
-            _in_thread(pieces, take)
+        with writing(path) as unfinished:
+            _write_film(pieces, unfinished, video, fps)
         return path
 
 
@@ -94,37 +88,6 @@ def _side_by_side(
             before = image
         for each in pending:
             yield each.result()
-
-
-def _in_thread(pieces: Iterable[Any], take: Callable[[Iterator[Any]], None]) -> None:
-    """Pass pieces of a film one by one to a thread while the next pictures are drawn; at most a few wait.
-
-    An error of the thread is raised at the next piece, or at the end.
-    """
-    waiting: Queue[Any] = Queue(WAITING)
-
-    def passed_on() -> Iterator[Any]:
-        while (piece := waiting.get()) is not None:
-            yield piece
-
-    with ThreadPoolExecutor(1) as pool:
-        done = pool.submit(take, passed_on())
-
-        def hand_over(piece: Any) -> None:
-            while not done.done():
-                try:
-                    return waiting.put(piece, timeout=0.1)
-                except Full:
-                    pass
-
-        try:
-            for piece in pieces:
-                hand_over(piece)
-                if done.done():
-                    break
-        finally:
-            hand_over(None)  # marks the end, also of an interrupted film
-        done.result()
 
 
 def png(image: Picture) -> bytes:

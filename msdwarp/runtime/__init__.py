@@ -7,4 +7,14 @@ from .messages import start_warp, verbose
 from .recording import CAPTURE_LOCK, record
 from .rehearsal import ImaginedGpu, rehearsing
 from .renamed import RENAMED, renamed
-from .turns import ReleasedInTurn, asked, calling, completing, exclusive, in_turn, stop_if_asked
+from .turns import (
+    ReleasedInTurn,
+    asked,
+    calling,
+    completing,
+    exclusive,
+    handling,
+    in_main_thread,
+    in_turn,
+    stop_if_asked,
+)

@@ -29,8 +29,7 @@ class GrowingTable:
     """Writes lines of numbers, each immediately to disk, below a header of column names.
 
     An existing file is replaced, or continued after `behind` lines, or after the line for the time `until` [s].
-    Later lines stay while equal lines are written again; the first different line replaces all that follow. Files
-    of earlier versions have only the first `columns_before` columns.
+    Later lines stay while equal lines are written again; the first different line replaces all that follow.
 
     Raises ValueError, which calls the file `word`, if the file to continue has other columns or too few lines.
     """
@@ -43,10 +42,8 @@ class GrowingTable:
         behind: int = 0,
         until: float = 0.0,
         word: str = "the table",
-        columns_before: int | None = None,
     ) -> None:
         self.path, self._head = path, list(head)
-        self._heads = (self._head, self._head[:columns_before])
         self._file: BinaryIO | None = None
         self._lines, self._kept = self._existing(behind, until, word)
 
@@ -62,14 +59,14 @@ class GrowingTable:
         if until:  # if no line has this time, keep more than exist
             of_time = [k + 1 for k, line in enumerate(lines) if line and _is_of_time(line, until)]
             behind = max(of_time, default=len(lines) + 1)
-        if head not in self._heads or len(lines) < behind:
+        if head != self._head or len(lines) < behind:
             raise ValueError(f"{word} is {self.path}, which is not what the run had written there; move it away")
-        return [line + [""] * (len(self._head) - len(head)) for line in lines], behind
+        return lines, behind
 
     def __enter__(self) -> Self:
         kept = _as_csv([self._head, *self._lines[: self._kept]])
         whole = kept + _as_csv(self._lines[self._kept :])
-        if not self._lines or self.path.read_bytes() != whole:  # a new file, an older version, or truncated
+        if not self._lines or self.path.read_bytes() != whole:  # a new file, or one cut short
             with disk.replacing(self.path) as unfinished:
                 unfinished.write_bytes(whole)
         self._file = self.path.open("r+b")
@@ -131,8 +128,7 @@ class EnergyLog(GrowingTable):
             if existing.exists() and not force and not behind:
                 raise FileExistsError(f"log would replace {existing}; name another file or add --force")
         disk.writable_folder("log", path, path.parent)
-        head = ["time_s", *COLUMNS, "substeps"]  # files of earlier versions have no column of substeps
-        super().__init__(path, head, behind=behind, word="log", columns_before=-1)
+        super().__init__(path, ["time_s", *COLUMNS, "substeps"], behind=behind, word="log")
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Close the file, then draw the plot; neither hides an earlier error."""

@@ -70,7 +70,7 @@ def test_a_trajectory_is_written_described_and_exported(msdwarp, tmp_path):
 
 def test_without_flags_all_defaults_hold(msdwarp, monkeypatch):
     runs = []
-    monkeypatch.setattr("msdwarp.cli.run.run_scene", lambda *arguments: runs.append(arguments))
+    monkeypatch.setattr("msdwarp.cli.commands.run.run_scene", lambda *arguments: runs.append(arguments))
     assert msdwarp("run", "cube")[0] == 0
     ((origin, scene, options),) = runs
     assert (origin.name, scene.system.particle_count, options) == ("cube", 1000, Options())

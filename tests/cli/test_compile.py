@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 
 from msdwarp import Contact, Plane, Scene, Simulation, box
-from msdwarp.cli.compile import jobs_of
+from msdwarp.cli.commands.compile import jobs_of
 from msdwarp.runtime import start_warp
 
 RUN = "from msdwarp.cli import main; main()"

@@ -75,11 +75,11 @@ from pathlib import Path
 import numpy as np
 from msdwarp import Trajectory
 from msdwarp.cli.options import Options
-from msdwarp.cli.draw import Pictures
+from msdwarp.cli.commands.draw import Pictures
 from msdwarp.cli.scene_files import find_scene
 from msdwarp.cli.process import start_warp
-from msdwarp.cli.stored_runs import resume_run
-from msdwarp.cli.run import run_scene
+from msdwarp.cli.commands.stored_runs import resume_run
+from msdwarp.cli.commands.run import run_scene
 
 start_warp(False)
 

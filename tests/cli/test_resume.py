@@ -10,7 +10,7 @@ import pytest
 from runs import SCENE, UNDRAWN, assert_same_run
 
 from msdwarp import Trajectory
-from msdwarp.cli import run
+from msdwarp.cli.commands import run
 
 
 @pytest.mark.slow

@@ -15,10 +15,10 @@ pytest.importorskip("viser")
 
 import msdwarp as msd
 from msdwarp import checks
+from msdwarp.cli.commands.stored_runs import rerun
+from msdwarp.cli.commands.view import SHELF, memory_limit, rounded_like, running_scene, view_of
 from msdwarp.cli.options import ViewOptions
 from msdwarp.cli.scene_files import find_scene, scene_names
-from msdwarp.cli.stored_runs import rerun
-from msdwarp.cli.view import SHELF, memory_limit, rounded_like, running_scene, view_of
 from msdwarp.live import View
 
 WAITS = 300.0

@@ -28,7 +28,7 @@ from msdwarp import (
     sheet,
     shell,
 )
-from msdwarp.cli.draw import round_up
+from msdwarp.cli.commands.draw import round_up
 from msdwarp.cli.options import Options, Pictures
 from msdwarp.pictures import ColorScale, Drawing
 from msdwarp.shapes import icosphere

@@ -280,7 +280,7 @@ def test_errors_do_not_tell_a_terminal_what_to_do(msdwarp):
 
 @pytest.mark.slow
 def test_a_restart_file_that_lacks_something_is_told(msdwarp, tmp_path):
-    from msdwarp.cli.stored_runs import resume_run
+    from msdwarp.cli.commands.stored_runs import resume_run
 
     short = ("--size", "3", "--duration", "0.05", "--frames", "none", "--video", "none", "--device", "cpu")
     assert msdwarp("run", "cube", *short)[0] == 0

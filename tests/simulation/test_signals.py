@@ -1,6 +1,5 @@
 """Signals at any moment: what their handlers raise, and what these do, leaves simulations between two frames."""
 
-import gc
 import os
 import signal
 import subprocess
@@ -14,7 +13,7 @@ import warp as wp
 
 import msdwarp
 from msdwarp import Plane, Simulation, box
-from msdwarp.runtime import in_turn, record, recording, turns
+from msdwarp.runtime import record, turns
 
 HERE = str(Path(msdwarp.__file__).parent)
 needs_signals = pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="needs signals of POSIX")
@@ -191,33 +190,3 @@ assert called == [signal.SIGALRM]
 @needs_signals
 def test_a_handler_may_read_while_its_thread_waits_for_a_turn():
     subprocess.run([sys.executable, "-c", READS], check=True, timeout=100)
-
-
-def test_no_recording_waits_for_a_finalizer_that_waits_for_a_turn(monkeypatch):
-    done = threading.Event()
-
-    class Reads:
-        def __init__(self):
-            self.itself = self  # so that only the collector frees it
-
-        def __del__(self):
-            in_turn(done.set)()
-
-    def never(seconds):
-        raise AssertionError("the recording waits")
-
-    @in_turn
-    def records():
-        Reads()
-        other = threading.Thread(target=gc.collect)
-        other.start()
-        while not turns.waiting:
-            other.join(1e-3)
-        monkeypatch.setattr(recording.time, "sleep", never)
-        record(lambda: None, "cpu")
-        monkeypatch.undo()
-        assert not done.is_set()
-        return other
-
-    records().join()
-    assert done.is_set()

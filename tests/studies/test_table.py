@@ -41,8 +41,6 @@ def test_a_line_that_was_cut_short_is_replaced(tmp_path):
     whole = written(path, [(k, k / 7) for k in range(1, 5)])
     os.truncate(path, path.stat().st_size - 5)
     assert written(path, [(4, 4 / 7)], behind=3) == whole
-    path.write_text("\n".join(["time_s", *"1234", ""]))  # of an earlier version, with a column less
-    assert written(path, [], behind=2, columns_before=1)[1:] == ["1,", "2,", "3,", "4,"]
 
 
 def test_what_cannot_be_written_takes_no_line(tmp_path, monkeypatch):

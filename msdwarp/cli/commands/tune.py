@@ -5,12 +5,12 @@ import math
 from rich.console import Console
 from rich.table import Table
 
-from ..integrators import DEFAULT
-from ..studies import as_fast, cheapest, tune
-from ..world import Scene
-from .options import TuneOptions
-from .process import status_on
-from .scene_files import Origin
+from ...integrators import DEFAULT
+from ...studies import as_fast, cheapest, tune
+from ...world import Scene
+from ..options import TuneOptions
+from ..process import status_on
+from ..scene_files import Origin
 
 
 def tune_scene(origin: Origin, scene: Scene, options: TuneOptions) -> None:

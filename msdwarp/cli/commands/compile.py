@@ -6,12 +6,12 @@ from dataclasses import asdict, replace
 from typing import Any
 from unittest.mock import patch
 
-from ..integrators import choose_forced
-from ..runtime import ImaginedGpu, Job, Kernels, compile_all, find_device, rehearsing
-from ..simulation import Simulation
-from .options import Options, SimulationOptions
+from ...integrators import choose_forced
+from ...runtime import ImaginedGpu, Job, Kernels, compile_all, find_device, rehearsing
+from ...simulation import Simulation
+from ..options import Options, SimulationOptions
+from ..scene_files import find_scene
 from .run import method_of
-from .scene_files import find_scene
 
 
 def compile_scenes(names: Sequence[str], arch: str | None, options: SimulationOptions) -> None:

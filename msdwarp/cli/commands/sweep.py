@@ -12,16 +12,16 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
-from .. import studies
-from ..simulation import frame_count
-from .error_messages import user_message
-from .options import SweepOptions, flattened
-from .process import progress_on, start_warp
-from .provenance import as_json, parameters_of
+from ... import studies
+from ...simulation import frame_count
+from ..error_messages import user_message
+from ..options import SweepOptions, flattened
+from ..process import progress_on, start_warp
+from ..provenance import as_json, parameters_of
+from ..scene_files import Origin, find_scene
+from ..scene_flags import flags_app
+from ..signals import Interrupted, Terminated, number_of, word
 from .run import method_of, run_scene
-from .scene_files import Origin, find_scene
-from .scene_flags import flags_app
-from .signals import Interrupted, Terminated, number_of, word
 
 _LONG = 86400.0
 """Time over which the displayed speed is averaged [s]: a point may take minutes."""

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from .. import checks
-from ..bodies import Frame
-from ..disk import TRAJECTORY, alone_in
-from ..files import Trajectory, probe, read_restart
-from ..live import FIRST_FRAME, Handling, read_deeds, within_reach
-from ..simulation import Simulation, frame_count
-from ..studies import EnergyLog
-from ..world import Scene
-from .options import Options, Pictures
-from .provenance import digest, rebuild_scene, restored_options
-from .results import RESTART, own_folder, pictures_in
+from ... import checks
+from ...bodies import Frame
+from ...disk import TRAJECTORY, alone_in
+from ...files import Trajectory, probe, read_restart
+from ...live import FIRST_FRAME, Handling, read_deeds, within_reach
+from ...simulation import Simulation, frame_count
+from ...studies import EnergyLog
+from ...world import Scene
+from ..options import Options, Pictures
+from ..provenance import digest, rebuild_scene, restored_options
+from ..results import RESTART, own_folder, pictures_in
+from ..script_signatures import UNTRUSTED, Script
 from .run import Run, about, simulation_by
-from .script_signatures import UNTRUSTED, Script
 
 
 def resume_run(

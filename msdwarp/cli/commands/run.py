@@ -13,21 +13,21 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from ..bodies import stress
-from ..disk import TRAJECTORY
-from ..files import Trajectory, TrajectoryWriter, write_restart
-from ..integrators import DEFAULT, METHODS
-from ..runtime import Compiling
-from ..simulation import Readback, Simulation, SimulationDiverged, frame_count
-from ..studies import EnergyLog, GrowingTable, cheapest, particle_energies, tune
-from ..world import FRAME, SUBSTEP, Scene, probe_columns, probes_by, scene_as_stored
+from ...bodies import stress
+from ...disk import TRAJECTORY
+from ...files import Trajectory, TrajectoryWriter, write_restart
+from ...integrators import DEFAULT, METHODS
+from ...runtime import Compiling
+from ...simulation import Readback, Simulation, SimulationDiverged, frame_count
+from ...studies import EnergyLog, GrowingTable, cheapest, particle_energies, tune
+from ...world import FRAME, SUBSTEP, Scene, probe_columns, probes_by, scene_as_stored
+from ..options import Options
+from ..process import progress_on, status_on, stop_requests, tell_compiling
+from ..provenance import source_of
+from ..results import PROBES, PROBES_BY_SUBSTEP, RESTART, check_names, overlay_path, own_folder, wanted_folder
+from ..scene_files import Origin
+from ..signals import Interrupted, at_once, word
 from .draw import draw
-from .options import Options
-from .process import progress_on, status_on, stop_requests, tell_compiling
-from .provenance import source_of
-from .results import PROBES, PROBES_BY_SUBSTEP, RESTART, check_names, overlay_path, own_folder, wanted_folder
-from .scene_files import Origin
-from .signals import Interrupted, at_once, word
 
 _POSES, _MOST_POSES = 61, 1 << 14
 """Number of times at which obstacles' poses are stored in a scene's duration; maximal number in frames."""

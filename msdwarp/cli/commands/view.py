@@ -9,15 +9,15 @@ from typing import Any
 
 from rich.console import Console
 
-from .. import checks
-from ..files import Trajectory
-from ..live import Browser, Played, Running, Source, View, Window, within_reach
-from ..pictures import no_display
-from ..world import Scene
-from .options import CameraOptions, Pictures, ViewOptions
-from .process import stop_requests
+from ... import checks
+from ...files import Trajectory
+from ...live import Browser, Played, Running, Source, View, Window, within_reach
+from ...pictures import no_display
+from ...world import Scene
+from ..options import CameraOptions, Pictures, ViewOptions
+from ..process import stop_requests
+from ..scene_files import Origin, find_scene
 from .run import about, simulation_by
-from .scene_files import Origin, find_scene
 
 _SIMULATED = 64
 """Memory of a simulation per spring, with its part of the particles, in addition to the system [bytes]."""

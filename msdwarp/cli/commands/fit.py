@@ -7,13 +7,13 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from .. import checks
-from ..integrators import METHODS
-from ..studies import FitResult, fit, output_path
-from ..world import Scene
-from .options import FitOptions
-from .process import status_on
-from .scene_files import Origin
+from ... import checks
+from ...integrators import METHODS
+from ...studies import FitResult, fit, output_path
+from ...world import Scene
+from ..options import FitOptions
+from ..process import status_on
+from ..scene_files import Origin
 
 
 def fit_scene(measured: str, origin: Origin, scene: Scene, options: FitOptions) -> None:

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from rich.progress import Progress
 
-from .. import checks
-from ..bodies import lengths, stress, von_mises
-from ..disk import writing
-from ..files import DrawnFrame, DrawnMesh, FrameArray, Trajectory, finite_values
-from ..pictures import (
+from ... import checks
+from ...bodies import lengths, stress, von_mises
+from ...disk import writing
+from ...files import DrawnFrame, DrawnMesh, FrameArray, Trajectory, finite_values
+from ...pictures import (
     Camera,
     ColorScale,
     Drawing,
@@ -30,12 +30,12 @@ from ..pictures import (
     visible,
     write_film,
 )
-from ..studies import particle_energies, system_in
-from ..world import FINISHES, Scene
-from .options import Pictures, parse_resolution
-from .process import stop_requests
-from .results import overlay_path, still_path
-from .signals import Interrupted, word
+from ...studies import particle_energies, system_in
+from ...world import FINISHES, Scene
+from ..options import Pictures, parse_resolution
+from ..process import stop_requests
+from ..results import overlay_path, still_path
+from ..signals import Interrupted, word
 
 Values = Callable[[int], NDArray[np.float64]]
 SCATTERED = 4.0

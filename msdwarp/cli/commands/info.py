@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import counted
-from ..files import Trajectory
-from .error_messages import printable
-from .options import Options, flattened
-from .results import RESTART
+from ...bodies import counted
+from ...files import Trajectory
+from ..error_messages import printable
+from ..options import Options, flattened
+from ..results import RESTART
 
 Lines = Iterator[tuple[str, str]]
 
