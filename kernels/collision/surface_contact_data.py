@@ -1,14 +1,12 @@
 """Device data of contact between facets and obstacles, the forces on particles, and sums of forces and powers."""
 
 import functools
-from typing import Any
 
 import warp as wp
 
 from ..basis import kernel, vector
 from ..colliders.signed_distance import solids
-from ..compensation import compensated_sum
-from ..effect import ForceTerm
+from ..effect import ForceTerm, instant
 
 SIDES = 12
 """Intervals along each side of a facet."""
@@ -71,26 +69,21 @@ def SurfaceContactData(scalar: type, moving: bool):
 def surface_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the force term of contact between facets and obstacles."""
     V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    Instant = instant(dim, scalar, compensated)
 
     @wp.struct
     class Pushed:
         force: wp.array2d(dtype=wp.int64)  # in units, shape [particle_count, 3]
         unit: wp.float64  # [N]
 
-    def force(SceneData: Any):
-        @wp.func
-        def push(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
-            total = V()
-            for k in range(wp.static(dim)):
-                total[k] = scalar(wp.float64(scene.surface_contact.force[i, k]) * scene.surface_contact.unit)
-            return total
+    @wp.func
+    def push(data: Pushed, now: Instant, i: int) -> V:
+        total = V()
+        for k in range(wp.static(dim)):
+            total[k] = scalar(wp.float64(data.force[i, k]) * data.unit)
+        return total
 
-        return push
-
-    return ForceTerm("surface_contact", Pushed, force=force, selective=True)
+    return ForceTerm("surface_contact", Pushed, force=push, selective=True)
 
 
 @functools.cache

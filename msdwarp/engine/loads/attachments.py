@@ -12,7 +12,7 @@ from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..device.frame_tables import Tables
-from ..model.effect import Elements, Numbers, Parameter, summed
+from ..model.effect import Elements, Parameter, summed
 from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
@@ -175,8 +175,7 @@ class AttachmentSprings(FrameTables):
             return None
         first = self.data.first.numpy()
         particle = np.repeat(np.arange(len(first) - 1), np.diff(first))
-        numbers = Numbers(np.arange(len(particle)), 3 + self._model.dim, self._composed.numbers)
-        return Elements(self.data, self._composed.projected, particle[:, None], numbers=numbers)
+        return Elements(self.data, self._composed.law, particle[:, None], group=np.arange(len(particle)))
 
     def parameters(self) -> dict[str, Parameter]:
         """Return the parameters of each attachment, in the order of its particles' indices, for gradients."""

@@ -8,19 +8,17 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import check_types
+from ...kernels.effect import ElementForce
 from ...kernels.loads.forces import (
     add_function_slopes,
     function_force,
-    function_projection,
     function_values,
-    given_force_projection,
-    steady_force,
-    varying_force,
+    given_force,
     weight_force,
 )
 from ...world import Falling, Force, Load
 from ..device.device import upload_fields
-from ..model.effect import Effect, Elements, Numbers, Parameter
+from ..model.effect import Effect, Elements, Parameter
 from ..model.model import Model
 from ..model.stage_tables import MOST_LOOKED_AT, StageTables, exchanged
 
@@ -56,13 +54,11 @@ def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDAr
     return kinds / np.array(sharing, dtype=np.float64), combination.ravel()
 
 
-def _particles_with(model: Model, data: Any, varies: bool) -> Elements:
+def _particles_with(data: Any, law: ElementForce) -> Elements:
     """Return the particles with given forces as elements for gradients, grouped by combination of forces."""
-    project, numbers = given_force_projection(model.dim, model.scalar, data._cls, varies)
     combination = data.combination.numpy()
     particle = np.flatnonzero(combination)
-    own = Numbers(combination[particle], model.dim, numbers)
-    return Elements(data, project, particle[:, None], numbers=own, of_motion=False)
+    return Elements(data, law, particle[:, None], group=combination[particle], of_motion=False)
 
 
 def _forces(named: Named, shares: NDArray[np.float64], varies: bool) -> dict[str, Parameter]:
@@ -77,14 +73,14 @@ class Steady(Effect):
     """Constant forces."""
 
     def __init__(self, model: Model, forces: Named) -> None:
-        self.piece = steady_force(model.dim, model.scalar, model.compensated)
+        self.piece, self._law = given_force(model.dim, model.scalar, model.compensated, varies=False)
         self.data = self.piece.Data()
         shares, combination = combinations(model, forces)
         self.members = combination > 0
         self._model, self._forces, self._shares = model, forces, shares
         self.sums = self._of(forces)
         """The force on the particles of each combination [N], shape [combination_count, d]."""
-        upload_fields(self.data, model.device, value=self.sums, combination=combination)
+        upload_fields(self.data, model.device, value=self.sums[None], combination=combination)
 
     def _of(self, forces: Named) -> NDArray[np.float64]:
         """Return the force of each combination [N]."""
@@ -92,7 +88,7 @@ class Steady(Effect):
 
     def elements(self) -> Elements:
         """Return the particles that the forces act on, as elements for gradients."""
-        return _particles_with(self._model, self.data, varies=False)
+        return _particles_with(self.data, self._law)
 
     def parameters(self) -> dict[str, Parameter]:
         """Return the forces as parameters, for gradients."""
@@ -102,7 +98,7 @@ class Steady(Effect):
         """Replace forces by other forces on the same particles."""
         forces = exchanged(self._forces, others)
         self.sums, self._forces = self._of(forces), forces
-        self.data.value.assign(self.sums)
+        self.data.value.assign(self.sums[None])
 
 
 class Varying(StageTables):
@@ -110,7 +106,7 @@ class Varying(StageTables):
 
     def __init__(self, model: Model, forces: Named) -> None:
         self.named = forces
-        self.piece = varying_force(model.dim, model.scalar, model.compensated)
+        self.piece, self._law = given_force(model.dim, model.scalar, model.compensated, varies=True)
         self.data = self.piece.Data()
         self._shares, combination = combinations(model, forces)
         self.members = combination > 0
@@ -123,7 +119,7 @@ class Varying(StageTables):
 
     def elements(self) -> Elements:
         """Return the particles that the forces act on, as elements for gradients."""
-        return _particles_with(self._model, self.data, varies=True)
+        return _particles_with(self.data, self._law)
 
     def parameters(self) -> dict[str, Parameter]:
         """Return the forces as parameters, for gradients."""
@@ -149,10 +145,9 @@ class ForceField(Effect):
         kinds = {"x": model.vector, "v": model.vector, "t": model.scalar, "i": wp.int32}
         used = check_types(name, force.force, kinds, model.vector)
         own = force.force, number, "v" in used
-        self.piece = function_force(model.dim, model.scalar, model.compensated, *own)
+        self.piece, self._law = function_force(model.dim, model.scalar, model.compensated, *own)
         self._name, self.timed = name, "t" in used
         self._values = function_values(model.dim, model.scalar, force.force)
-        self._projected = function_projection(model.dim, model.scalar, force.force)
         self.data, self.members = self.piece.Data(), force.particles(model.system)
         self._model, self._time, self._on = model, 0.0, np.flatnonzero(self.members)
         self._slopes = add_function_slopes(model.dim, model.scalar, force.force)
@@ -187,4 +182,4 @@ class ForceField(Effect):
 
     def elements(self) -> Elements:
         """Return the particles that the force acts on, as elements for gradients."""
-        return Elements(self.data, self._projected, self._on[:, None])
+        return Elements(self.data, self._law, self._on[:, None])

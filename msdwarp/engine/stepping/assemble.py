@@ -115,7 +115,7 @@ def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
     """Return the effects of wind and pressure, and before them the embedded vertices on which they act."""
     vertices = embedded_vertices_of(model, loads)
     effects: list[Effect] = [] if vertices is None else [vertices]
-    return effects + winds_of(model, loads) + pressures_of(model, loads, vertices)
+    return effects + winds_of(model, loads, vertices) + pressures_of(model, loads, vertices)
 
 
 EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]] = [
