@@ -86,9 +86,9 @@ def instant(dim: int, scalar: type, compensated: bool) -> Any:
         # Of the stage, 0 if no force of the scene depends on time:
         stage: int  # of the frame
         time: scalar  # [s]
-        # See `loads.work`; 0 if no work is summed:
-        weight: wp.float64  # [s]
-        weight_of_last: wp.float64  # [s]
+        # By stage of the frame, see `loads.work`; not set if no work is summed:
+        weight: wp.array(dtype=wp.float64)  # [s]
+        weight_of_last: wp.array(dtype=wp.float64)  # [s]
 
     return Instant
 
@@ -97,7 +97,7 @@ class ElementForce(NamedTuple):
     """The force of a kind of element, such as a triangle under wind, written once.
 
     An element is a few points, with a row each in `x`, `v` and the like. Scenes call `evaluate` for the force, and
-    Warp differentiates it for gradients (`adjoint.elements`) and bounds (`element_blocks`).
+    Warp differentiates it for gradients (`adjoint.elements`).
     """
 
     evaluate: Any = None

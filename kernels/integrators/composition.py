@@ -119,7 +119,7 @@ def tools(composition: Composition) -> Tools:
 
 @functools.cache
 def data_of(SceneData: Any, field: str) -> Any:
-    """Compose wp.func (scene) -> the data of an effect, from the field of its name."""
+    """Compose wp.func (scene) -> the data of an effect. Code for Warp cannot name a field by a variable."""
     Data = SceneData.vars[field].type
 
     @wp.func_native(f"data = s.{field};")
@@ -181,8 +181,8 @@ def loads(composition: Composition) -> Any:
             now.stage = scene.stage
             now.time = scene.time[scene.stage]
         if wp.static(worked):
-            now.weight = scene.worked.weight[scene.stage]
-            now.weight_of_last = scene.worked.weight_of_last[scene.stage]
+            now.weight = scene.worked.weight
+            now.weight_of_last = scene.worked.weight_of_last
         total = V()
         for k in range(wp.static(silent)):
             if wp.static(bits[k] == 0) or (mask & wp.uint8(wp.static(bits[k]))) != wp.uint8(0):
@@ -194,9 +194,9 @@ def loads(composition: Composition) -> Any:
                     if (mask & wp.uint8(wp.static(bits[k]))) != wp.uint8(0):
                         f += wp.static(forces[k])(wp.static(data[k])(scene), now, i)
                 v_i = load(v, i)
-                done = now.weight * wp.float64(wp.dot(f, v_i))
-                if now.weight_of_last > wp.float64(0.0):
-                    done += now.weight_of_last * wp.float64(wp.dot(scene.worked.last[i], v_i))
+                done = now.weight[now.stage] * wp.float64(wp.dot(f, v_i))
+                if now.weight_of_last[now.stage] > wp.float64(0.0):
+                    done += now.weight_of_last[now.stage] * wp.float64(wp.dot(scene.worked.last[i], v_i))
                     scene.worked.last[i] = f
                 scene.worked.done[i] = scene.worked.done[i] + done
                 total += f

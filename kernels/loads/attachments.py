@@ -1,7 +1,7 @@
 """Attachments: springs and dampers from particles to fixed or moving points."""
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
@@ -9,19 +9,6 @@ from ..basis import kernel, vector
 from ..compensation import position_of
 from ..effect import ElementForce, ForceTerm, instant
 from ..records import records
-
-
-class Attachments(NamedTuple):
-    """The device side of attachments."""
-
-    piece: ForceTerm
-    """The force term, for a scene's kernels."""
-    law: ElementForce
-    """The force of one; its numbers are stiffness, damping, rest length and anchor point."""
-    add_blocks: Any
-    """Kernel, over members, that adds to the blocks of the stability bound (`Effect.add_blocks`)."""
-    measure: Any
-    """Kernel, over members, that writes each one's stored energy [J] and dissipated power [W]."""
 
 
 @functools.cache
@@ -52,8 +39,12 @@ def spring_to_point(dim: int, scalar: type, stretched: bool) -> Any:
 @functools.cache
 def attachments(
     dim: int, scalar: type, compensated: bool, *, moving: bool, damped: bool, stretched: bool
-) -> Attachments:
-    """Compose the attachments of a scene; each flag is set if an attachment moves, is damped, has a rest length.
+) -> tuple[ForceTerm, ElementForce, Any, Any]:
+    """Compose (term, law, add_blocks, measure) of a scene's attachments.
+
+    Each flag is set if an attachment moves, is damped, has a rest length. The law's numbers are stiffness,
+    damping, rest length and anchor point. `add_blocks` is a kernel over members for `Effect.add_blocks`;
+    `measure`, one over worlds and members, writes each one's stored energy [J] and dissipated power [W].
 
     An attachment of rest length 0, F = −k (x − p) − b (v − u) for the point p with velocity u, acts equally in all
     directions. With a rest length it acts only along its axis, as a spring between particles, and exerts no force
@@ -133,8 +124,8 @@ def attachments(
     @wp.func
     def add_work(data: Attached, now: Instant, e: int, f: V):
         if data.carrier[e] >= 0:
-            before = now.weight
-            after = now.weight_of_last
+            before = now.weight[now.stage]
+            after = now.weight_of_last[now.stage]
             # False at a frame's end, and where half a kick looks ahead.
             if after != wp.float64(0.0) or (data.ahead == 0 and before != wp.float64(0.0)):
                 y = data.point[e]
@@ -207,4 +198,4 @@ def attachments(
 
     piece = ForceTerm("attached", Attached, force=attachment, selective=True, timed=moving)
     law = ElementForce(evaluate, numbers, 3 + dim)
-    return Attachments(piece, law, add_attachment_blocks, measure_attached)
+    return piece, law, add_attachment_blocks, measure_attached

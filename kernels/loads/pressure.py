@@ -8,7 +8,7 @@ import warp as wp
 from ..basis import kernel, vector
 from ..effect import ElementForce, ForceTerm
 from ..records import records
-from .surface_triangles import area_vector, on_triangles, triangles
+from .surface_triangles import on_triangles, triangles
 
 
 @functools.cache
@@ -20,7 +20,6 @@ def pressure(dim: int, scalar: type, compensated: bool, mixed: bool, gas: bool) 
     """
     V, Numbers, Rows = vector(dim, scalar), vector(1, scalar), wp.types.matrix((3, dim), scalar)
     Triangles: Any = triangles(dim, scalar, mixed)
-    area = area_vector(dim, scalar)
 
     @wp.struct
     class Pressed:
@@ -37,9 +36,10 @@ def pressure(dim: int, scalar: type, compensated: bool, mixed: bool, gas: bool) 
 
     @wp.func
     def evaluate(data: Pressed, t: int, time: scalar, stage: int, x: Rows, v: Rows, own: Numbers) -> V:
+        a = scalar(0.5) * wp.cross(x[1] - x[0], x[2] - x[0])  # outward by the right-hand rule
         if wp.static(mixed):
-            return own[0] * area(x)
-        return own[0] / scalar(3.0) * area(x)
+            return own[0] * a
+        return own[0] / scalar(3.0) * a
 
     law = ElementForce(evaluate, numbers, 1, points=3, shared=mixed)
     force = on_triangles(dim, scalar, compensated, mixed, Pressed, law)

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..effect import ElementForce, ForceTerm, on_particles
-from .surface_triangles import area_vector, on_triangles, triangles
+from .surface_triangles import on_triangles, triangles
 
 
 @functools.cache
@@ -82,7 +82,7 @@ def wind_on_faces(
     are weighted means of particles (see `triangles`). `any_closed`: some triangle is part of a closed surface.
     """
     V, Numbers, Rows = vector(dim, scalar), vector(2 + dim, scalar), wp.types.matrix((3, dim), scalar)
-    Triangles, area_of = triangles(dim, scalar, mixed), area_vector(dim, scalar)
+    Triangles: Any = triangles(dim, scalar, mixed)
     Winds, of_wind, air = _blowing(dim, scalar, function)
 
     @wp.struct
@@ -100,7 +100,7 @@ def wind_on_faces(
     @wp.func
     def evaluate(data: WindOnFaces, t: int, time: scalar, stage: int, x: Rows, v: Rows, own: Numbers) -> V:
         third = scalar(1.0) / scalar(3.0)
-        a = area_of(x)
+        a = scalar(0.5) * wp.cross(x[1] - x[0], x[2] - x[0])  # outward by the right-hand rule
         u = third * (v[0] + v[1] + v[2]) - air(own, third * (x[0] + x[1] + x[2]), time)
         through = wp.dot(u, a)
         if wp.static(any_closed):

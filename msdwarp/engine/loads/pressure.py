@@ -118,7 +118,7 @@ class Gases(SurfacePressure):
         model, threads = self._model, THREADS if self._model.device.is_cuda else 1
         stride = model.stride
         if self._vertices is not None:
-            x = self._vertices.skin.x
+            x = self._vertices.x
             stride = len(x) // model.worlds
         inputs = [self.data.faces.corner, self._ends, self._numbers, x, compensation.x, stride]
         count, out = model.worlds * len(self._gases) * threads, [self.data.value]

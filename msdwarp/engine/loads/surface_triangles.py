@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import Facets, facets_of
-from ...kernels.loads.surface_triangles import mix_vertices, mixed_vertices, triangles
+from ...kernels.loads.surface_triangles import mix_vertices, triangles
 from ...world import EnclosedGas, Load, Pressure, Wind
 from ..device.csr import rows
 from ..device.device import upload_fields
@@ -65,7 +65,7 @@ class Faces:
         if vertices is None:
             return faces, ()
         upload_fields(faces, model.device, share=share[order])
-        faces.x, faces.v = vertices.skin.x, vertices.skin.v
+        faces.x, faces.v = vertices.x, vertices.v
         return faces, ("faces.x", "faces.v")
 
 
@@ -91,13 +91,11 @@ class EmbeddedVertices(Effect):
         self._mix = model.kernels.note(mix_vertices(model.dim, model.scalar, model.compensated))
         self._particle = wp.array(facets.particle, dtype=int, device=model.device)
         self._weight = wp.array(facets.weight, dtype=model.scalar, device=model.device)
-        self.skin = mixed_vertices(model.dim, model.scalar)()
+        count = model.worlds * len(facets.particle)
+        self.x, self.v = (wp.zeros(count, dtype=model.vector, device=model.device) for _ in range(2))
         """Positions [m] and velocities [m/s] of the vertices, of all worlds."""
-        for name in ("x", "v"):
-            count = model.worlds * len(facets.particle)
-            setattr(self.skin, name, wp.zeros(count, dtype=model.vector, device=model.device))
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the kernel that computes positions and velocities of vertices from x and v of particles."""
         inputs = [self._particle, self._weight, self._model.stride, compensation, x, v]
-        wp.launch(self._mix, len(self.skin.x), inputs, [self.skin], device=self._model.device)
+        wp.launch(self._mix, len(self.x), inputs, [self.x, self.v], device=self._model.device)
