@@ -243,6 +243,10 @@ class Effect:
         The arrays hold the blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
         [particle_count], for the particles of a world at x. The bound is twice the largest eigenvalue of block
         over mass, as for a spring between two particles. So a force that depends on only one particle adds half.
+
+        `ElementLoads` takes Warp's derivatives of its force. Others have bounds by hand, since these must hold
+        longer than the present: for the next second of a wind or a pressure, before an obstacle is touched, in the
+        directions to which a spring turns.
         """
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:
