@@ -50,3 +50,19 @@ def state_types(dim: int, scalar: type, compensated: bool) -> tuple[Any, Any, An
     """Return the types of a position, of an array of positions or velocities, and of their compensation."""
     V = vector(dim, scalar)
     return V, wp.array(dtype=V), compensated_sum(dim, scalar, compensated)[0]
+
+
+@functools.cache
+def position_of(dim: int, scalar: type, compensated: bool) -> Any:
+    """Compose wp.func (compensation, x, i) -> position of particle i [m], less the rounding errors of its sum."""
+    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    load = records(dim, scalar).load
+
+    @wp.func
+    def position(compensation: Compensation, x: Vectors, i: int) -> V:
+        x_i = load(x, i)
+        if wp.static(compensated):
+            x_i = x_i - load(compensation.x, i)
+        return x_i
+
+    return position

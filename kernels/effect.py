@@ -1,7 +1,13 @@
 """The terms that effects add to the kernels of a scene; without an effect its term is not compiled."""
 
-from collections.abc import Callable
+import functools
 from typing import Any, NamedTuple
+
+import warp as wp
+
+from .basis import vector
+from .compensation import position_of, state_types
+from .records import records
 
 
 class Driving(NamedTuple):
@@ -30,38 +36,99 @@ class Driving(NamedTuple):
 class ForceTerm(NamedTuple):
     """The device side of an effect. It is hashable, so that scenes with equal effects share kernels.
 
-    Its functions are composed for the struct `SceneData`, which holds the effect's data: each callable below takes
-    the type `SceneData` and returns the `wp.func`; it is None if there is nothing to do.
+    Its functions take the effect's own `data`; one is None if there is nothing to do.
     """
 
     field: str
-    """The name of the effect's data in `SceneData`."""
+    """The name of the effect's data in a scene's struct."""
     Data: Any
     """Struct type of the data."""
-    begin: Callable[[Any], Any] | None = None
-    """wp.func (scene, compensation, x, c): change spring c when a substep begins."""
-    force: Callable[[Any], Any] | None = None
-    """wp.func (scene, compensation, x, v, i) -> force on particle i [N], in addition to its springs.
+    begin: Any = None
+    """wp.func (data, compensation, x, c): change spring c when a substep begins."""
+    force: Any = None
+    """wp.func (data, instant, i) -> force on particle i [N], in addition to its springs; see `instant`.
 
-    v is the method's velocity, half a substep old in leapfrog. Read x and v with `records(dim, scalar).load`; in
-    compensated precision a position is x − compensation.x. Particles are in the system's order.
+    Particles are in the system's order.
     """
-    at_velocity: Callable[[Any], Any] | None = None
-    """wp.func (scene, x, u, i) -> `force` if particle i were at x with velocity u; only if u matters.
+    at_velocity: Any = None
+    """wp.func (x, u, t, i) -> `force` if particle i were at x with velocity u at time t; only if u matters.
 
     Kicks of methods whose velocities lag take it at the velocity of the positions' time (`mid_velocity`).
     """
-    parts: Callable[[Any], Any] | None = None
-    """(count, evaluate): wp.func (scene) -> number of parts, and wp.func (scene, compensation, x, v, c).
+    parts: Any = None
+    """(count, evaluate): wp.func (data) -> number of parts, and wp.func (data, compensation, x, v, c).
 
     A single launch of many stages evaluates all parts before the forces of a stage. Other launches need a kernel
     for the parts, which the effect launches in `before_forces`.
     """
-    drive: Callable[[Any], Any] | None = None
-    """`Driving`: the functions that place driven particles."""
+    drive: Any = None
+    """Function from the type of a scene's struct to `Driving`: the functions that place driven particles."""
     selective: bool = False
     """Whether the force acts only on the particles that its effect names; each other particle costs a byte."""
     timed: bool = False
-    """Whether the force depends on time; the stage's time is `scene.time[scene.stage]`."""
+    """Whether the force depends on time, `instant.time`."""
     works: bool = False
     """Whether the work of the force is summed; requires `selective`."""
+
+
+@functools.cache
+def instant(dim: int, scalar: type, compensated: bool) -> Any:
+    """Compose the struct of what a force may read beside its effect's data: the state for which it is asked."""
+    _, Vectors, Compensation = state_types(dim, scalar, compensated)
+
+    @wp.struct
+    class Instant:
+        # Of all particles; `position_of` and `records` read them:
+        x: Vectors  # [m]
+        v: Vectors  # the method's velocities [m/s], half a substep old in leapfrog
+        compensation: Compensation
+        inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned
+        # Of the stage, 0 if no force of the scene depends on time:
+        stage: int  # of the frame
+        time: scalar  # [s]
+        # By stage of the frame, see `loads.work`; not set if no work is summed:
+        weight: wp.array(dtype=wp.float64)  # [s]
+        weight_of_last: wp.array(dtype=wp.float64)  # [s]
+
+    return Instant
+
+
+class ElementForce(NamedTuple):
+    """The force of a kind of element, such as a triangle under wind, written once.
+
+    An element is a few points, with a row each in `x`, `v` and the like. Scenes call `evaluate` for the force, and
+    Warp differentiates it for gradients (`adjoint.elements`).
+    """
+
+    evaluate: Any = None
+    """wp.func (data, e, time, stage, x, v, own) -> force on each point of element e [N]."""
+    numbers: Any = None
+    """wp.func (data, e, stage) -> `own`, the numbers by which there are derivatives, such as a pressure."""
+    width: int = 0
+    """How many numbers an element has."""
+    points: int = 1
+    """How many points an element has."""
+    of_particles: bool = False
+    """Whether elements are particles, and e their index; else e counts the elements."""
+    shared: bool = False
+    """Whether `evaluate` returns the force on the whole element instead, which its points share equally."""
+    projected: Any = None
+    """wp.func (data, e, time, stage, x, v, φ) -> φ·F of element e, if the forces on its points differ."""
+
+
+@functools.cache
+def on_particles(dim: int, scalar: type, compensated: bool, Data: Any, law: ElementForce) -> Any:
+    """Compose `ForceTerm.force` of elements that are particles."""
+    V, Rows, Instant = vector(dim, scalar), wp.types.matrix((1, dim), scalar), instant(dim, scalar, compensated)
+    load, position = records(dim, scalar).load, position_of(dim, scalar, compensated)
+    evaluate, numbers = law.evaluate, law.numbers
+
+    @wp.func
+    def force_on_particle(data: Data, now: Instant, i: int) -> V:
+        x = Rows()
+        v = Rows()
+        x[0] = position(now.compensation, now.x, i)
+        v[0] = load(now.v, i)
+        return evaluate(data, i, now.time, now.stage, x, v, numbers(data, i, now.stage))
+
+    return force_on_particle

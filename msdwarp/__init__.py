@@ -199,4 +199,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_ROOMS, *__all__})
+    return sorted({*globals(), *(room for room in _ROOMS if "." not in room), *__all__})

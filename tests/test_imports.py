@@ -106,7 +106,7 @@ def test_other_rooms_are_entered_through_their_faces():
         for name in modules()
         if modules()[name].room != "scenes"  # which use the package as anybody's script does
         for item, room in within(name)
-        if not through_a_face(item.name, room)
+        if not (through_a_face(item.name, room) or (name == TOP and room == "world"))  # a load of users alone
     ]
     assert not past
 

@@ -10,19 +10,23 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
+from ..effect import ElementForce
 from ..records import records
 
 
 @functools.cache
-def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: Any, numbers: Any, wanted: int):
+def elements_adjoint(dim: int, scalar: type, Data: Any, law: ElementForce, wanted: int):
     """Compose the kernel, over elements, that writes ∂(φ·F)/∂x and ∂(φ·F)/∂v of each point.
 
-    `project` is a wp.func (data, e, i, time, stage, x, v, φ) -> φ·F of element e, whose first point is particle i,
-    with a row of x, v and φ for each point. If forces depend on numbers of elements, `numbers` is a wp.func (data,
-    e, i, stage) -> vector of these, which `project` takes last. Derivatives by the first `wanted` are summed.
+    Derivatives by the first `wanted` numbers of elements are summed.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
-    Rows = wp.types.matrix((points, dim), scalar)
+    evaluate, numbers, width, points, of_particles, shared, project = law
+    Rows, Own = wp.types.matrix((points, dim), scalar), vector(width, scalar) if width else scalar
+
+    @wp.func
+    def along(data: Data, e: int, time: scalar, stage: int, x: Rows, v: Rows, push: V, own: Own) -> scalar:
+        return wp.dot(evaluate(data, e, time, stage, x, v, own), push)
 
     @kernel
     def propagate_elements(
@@ -60,15 +64,19 @@ def elements_adjoint(dim: int, scalar: type, points: int, Data: Any, project: An
                         rates[k] = rates[k] + share * load(v, i)
                         phis[k] = phis[k] + share * load(phi, i)
             own = e % count
-            first = particle[e * wp.static(points), 0] % stride
+            if wp.static(of_particles):
+                own = particle[e, 0] % stride
             seconds = time[wp.min(stage, time.shape[0] - 1)]
-            if wp.static(numbers is None):
-                _d, _e, _i, _t, _s, of_x, of_v, _phi = wp.grad(project)(
-                    data, own, first, seconds, stage, places, rates, phis
-                )
+            if wp.static(evaluate is None):
+                _d, _e, _t, _s, of_x, of_v, _phi = wp.grad(project)(data, own, seconds, stage, places, rates, phis)
             else:
-                _d, _e, _i, _t, _s, of_x, of_v, _phi, of_numbers = wp.grad(project)(
-                    data, own, first, seconds, stage, places, rates, phis, numbers(data, own, first, stage)
+                push = V()
+                for k in range(wp.static(points)):
+                    push += phis[k]
+                if wp.static(shared):
+                    push = push / scalar(points)
+                _d, _e, _t, _s, of_x, of_v, _push, of_numbers = wp.grad(along)(
+                    data, own, seconds, stage, places, rates, push, numbers(data, own, stage)
                 )
                 for k in range(wp.static(wanted)):
                     by_numbers[e, k] = by_numbers[e, k] + of_numbers[k]

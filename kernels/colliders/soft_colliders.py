@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import state_types
-from ..effect import ForceTerm
+from ..compensation import position_of
+from ..effect import ForceTerm, instant
 from ..records import records
 from .signed_distance import signed_distance, solids
 
@@ -85,26 +85,25 @@ def soft_force(dim: int, scalar: type, kinds: tuple[str, ...]):
 @functools.cache
 def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, ...]) -> SoftTerm:
     """Compose a scene's soft obstacles, given their kinds."""
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    V, Instant, position = (
+        vector(dim, scalar),
+        instant(dim, scalar, compensated),
+        position_of(dim, scalar, compensated),
+    )
     Data, load = soft_data(dim, scalar), records(dim, scalar).load
     push, numbers = soft_force(dim, scalar, kinds)
     distance_from = signed_distance(dim, scalar, kinds)
     Block: Any = wp.types.matrix((dim, dim), wp.float64)
 
-    def force(SceneData: Any):
-        @wp.func
-        def push_out(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            x_i = load(x, i)
-            if wp.static(compensated):
-                x_i = x_i - load(compensation.x, i)
-            v_i = load(v, i)
-            total = V()
-            for p in range(scene.soft.count):
-                if distance_from(scene.soft.solids, p, x_i)[wp.static(dim)] < scalar(0.0):
-                    total += push(scene.soft, p, numbers(scene.soft, p), x_i, v_i, scene.inverse_mass[i])
-            return total
-
-        return push_out
+    @wp.func
+    def push_out(data: Data, now: Instant, i: int) -> V:
+        x_i = position(now.compensation, now.x, i)
+        v_i = load(now.v, i)
+        total = V()
+        for p in range(data.count):
+            if distance_from(data.solids, p, x_i)[wp.static(dim)] < scalar(0.0):
+                total += push(data, p, numbers(data, p), x_i, v_i, now.inverse_mass[i])
+        return total
 
     @kernel
     def add_soft_blocks(
@@ -155,7 +154,7 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
         energy[world, i] = stored
         power[world, i] = lost
 
-    return SoftTerm(ForceTerm("soft", Data, force=force), add_soft_blocks, measure_soft)
+    return SoftTerm(ForceTerm("soft", Data, force=push_out), add_soft_blocks, measure_soft)
 
 
 @functools.cache

@@ -1,13 +1,11 @@
 """Device data of contact between bodies: surfaces, rules, neighbor list, history and near pairs."""
 
 import functools
-from typing import Any
 
 import warp as wp
 
 from ..basis import vector
-from ..compensation import compensated_sum
-from ..effect import ForceTerm
+from ..effect import ForceTerm, instant
 from ..records import table
 
 MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE, NEAR_FACETS = range(10)
@@ -276,7 +274,7 @@ def first_flag(scalar: type, worlds: bool):
 def body_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the force term of contact between bodies: forces on vertices, divided among their particles."""
     V, entry, weight_of = vector(dim, scalar), table(int), table(scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    Instant = instant(dim, scalar, compensated)
 
     @wp.struct
     class VertexForces:
@@ -286,19 +284,14 @@ def body_contact_term(dim: int, scalar: type, compensated: bool) -> ForceTerm:
         force: wp.array2d(dtype=wp.int64)  # on vertices, in units, shape [vertex_count, 3]
         unit: wp.float64  # [N]
 
-    def force(SceneData: Any):
-        @wp.func
-        def push(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
-            total = V()
-            for s in range(entry(scene.body_contact.first, i), entry(scene.body_contact.first, i + 1)):
-                vertex = entry(scene.body_contact.vertex, s)
-                for k in range(wp.static(dim)):
-                    f = wp.float64(scene.body_contact.force[vertex, k]) * scene.body_contact.unit
-                    total[k] = total[k] + weight_of(scene.body_contact.weight, s) * scalar(f)
-            return total
+    @wp.func
+    def push(data: VertexForces, now: Instant, i: int) -> V:
+        total = V()
+        for s in range(entry(data.first, i), entry(data.first, i + 1)):
+            vertex = entry(data.vertex, s)
+            for k in range(wp.static(dim)):
+                f = wp.float64(data.force[vertex, k]) * data.unit
+                total[k] = total[k] + weight_of(data.weight, s) * scalar(f)
+        return total
 
-        return push
-
-    return ForceTerm("body_contact", VertexForces, force=force, selective=True)
+    return ForceTerm("body_contact", VertexForces, force=push, selective=True)

@@ -1,16 +1,14 @@
 """The parts from which the kernels of a scene are composed, and the stage of a method."""
 
 import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import vector
+from ..basis import fully_hashed, vector
 from ..colliders.collide import NO_COLLIDERS, ColliderTerm
 from ..compensation import compensated_sum
-from ..effect import Driving, ForceTerm
-from ..loads.work import measured
+from ..effect import Driving, ForceTerm, instant
 from ..records import records
 from ..springs.force_algorithm import ForceAlgorithm
 from .differences import Differences, world_data
@@ -120,75 +118,112 @@ def tools(composition: Composition) -> Tools:
 
 
 @functools.cache
+def data_of(SceneData: Any, field: str) -> Any:
+    """Compose wp.func (scene) -> the data of an effect. Code for Warp cannot name a field by a variable."""
+    Data = SceneData.vars[field].type
+
+    @wp.func_native(f"data = s.{field};")
+    def take_data(s: wp.ref[SceneData], data: wp.ref[Data]): ...
+
+    @wp.func
+    def data_of_effect(scene: SceneData) -> Data:
+        data = Data()
+        take_data(scene, data)
+        return data
+
+    return data_of_effect
+
+
+@functools.cache
 def beginning(composition: Composition) -> Any:
     """Compose (scene, compensation, x, c), which changes connection c when a substep begins; None without need."""
-    _, SceneData, Compensation, *_ = tools(composition)
-    Vectors = wp.array(dtype=vector(composition.dim, composition.scalar))
+    V, SceneData, Compensation, *_ = tools(composition)
+    terms = [piece for piece in composition.pieces if piece.begin is not None]
+    begins, data = [one.begin for one in terms], [data_of(SceneData, one.field) for one in terms]
+    count = len(terms)
 
-    def both(first: Any, second: Any) -> Any:
-        @wp.func
-        def begin(scene: SceneData, compensation: Compensation, x: Vectors, c: int):
-            first(scene, compensation, x, c)
-            second(scene, compensation, x, c)
+    @fully_hashed
+    def begin_all(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), c: int):
+        for k in range(wp.static(count)):
+            wp.static(begins[k])(wp.static(data[k])(scene), compensation, x, c)
 
-        return begin
-
-    return _joined(both, [piece.begin(SceneData) for piece in composition.pieces if piece.begin is not None])
+    return begin_all if terms else None
 
 
 @functools.cache
 def loads(composition: Composition) -> Any:
     """Compose the sum of effects' forces on a particle [N], (scene, compensation, x, v, i, mask).
 
-    `mask` is the particle's entry of `scene.effect_mask`. None if no effect has a force.
+    `mask` is the particle's entry of `scene.effect_mask`. None if no effect has a force. The forces whose work is
+    summed (see `loads.work`) come last.
     """
-    V, SceneData, Compensation, *_ = tools(composition)
-    selective, Vectors = composition.selective, wp.array(dtype=V)
+    V, SceneData, Compensation, load, *_ = tools(composition)
+    terms = sorted((one for one in composition.pieces if one.force is not None), key=lambda one: one.works)
+    if not terms:
+        return None
+    count, silent = len(terms), sum(not one.works for one in terms)
+    forces, data = [one.force for one in terms], [data_of(SceneData, one.field) for one in terms]
+    bits = [1 << composition.selective.index(one) if one.selective else 0 for one in terms]
+    working, timed, worked = sum(bits[silent:]), composition.timed, "worked" in SceneData.vars
+    Instant: Any = instant(composition.dim, composition.scalar, composition.compensated)
+    Vectors = wp.array(dtype=V)
 
-    def both(first: Any, second: Any) -> Any:
-        @wp.func
-        def load(
-            scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
-        ) -> V:
-            return first(scene, compensation, x, v, i, mask) + second(scene, compensation, x, v, i, mask)
+    @fully_hashed
+    def sum_loads(
+        scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
+    ) -> V:
+        now = Instant()
+        now.x = x
+        now.v = v
+        now.compensation = compensation
+        now.inverse_mass = scene.inverse_mass
+        if wp.static(timed):
+            now.stage = scene.stage
+            now.time = scene.time[scene.stage]
+        if wp.static(worked):
+            now.weight = scene.worked.weight
+            now.weight_of_last = scene.worked.weight_of_last
+        total = V()
+        for k in range(wp.static(silent)):
+            if wp.static(bits[k] == 0) or (mask & wp.uint8(wp.static(bits[k]))) != wp.uint8(0):
+                total += wp.static(forces[k])(wp.static(data[k])(scene), now, i)
+        if wp.static(working > 0):
+            if (mask & wp.uint8(wp.static(working))) != wp.uint8(0):
+                f = V()
+                for k in range(wp.static(silent), wp.static(count)):
+                    if (mask & wp.uint8(wp.static(bits[k]))) != wp.uint8(0):
+                        f += wp.static(forces[k])(wp.static(data[k])(scene), now, i)
+                v_i = load(v, i)
+                done = now.weight[now.stage] * wp.float64(wp.dot(f, v_i))
+                if now.weight_of_last[now.stage] > wp.float64(0.0):
+                    done += now.weight_of_last[now.stage] * wp.float64(wp.dot(scene.worked.last[i], v_i))
+                    scene.worked.last[i] = f
+                scene.worked.done[i] = scene.worked.done[i] + done
+                total += f
+        return total
 
-        return load
-
-    def masked(force: Any, bits: int) -> Any:
-        @wp.func
-        def load_where_masked(
-            scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
-        ) -> V:
-            if wp.static(bits == 0):
-                return force(scene, compensation, x, v, i)
-            else:
-                total = V()
-                if (mask & wp.uint8(wp.static(bits))) != wp.uint8(0):
-                    total = force(scene, compensation, x, v, i)
-                return total
-
-        return load_where_masked
-
-    silent, working, effect_mask = [], [], 0
-    for piece in composition.pieces:
-        if piece.force is None:
-            continue
-        bits = 1 << selective.index(piece) if piece.selective else 0
-        force = masked(piece.force(SceneData), bits)
-        (working if piece.works else silent).append(force)
-        effect_mask |= bits if piece.works else 0
-    if working:
-        kinds = (composition.dim, composition.scalar, SceneData)
-        silent.append(measured(*kinds, _joined(both, working), Compensation, effect_mask))
-    return _joined(both, silent)
+    return sum_loads
 
 
 @functools.cache
 def parts(composition: Composition) -> tuple[Any, Any]:
-    """Return (count, evaluate) of the effect that has `ForceTerm.parts`; (None, None) if none has."""
-    found = [piece.parts for piece in composition.pieces if piece.parts is not None]
+    """Compose (count, evaluate) of the effect that has `ForceTerm.parts`; (None, None) if none has."""
+    found = [piece for piece in composition.pieces if piece.parts is not None]
     assert len(found) < 2, "only one effect may have parts"
-    return found[0](scene(composition)) if found else (None, None)
+    if not found:
+        return None, None
+    V, SceneData, Compensation, *_ = tools(composition)
+    (count, evaluate), data, Vectors = found[0].parts, data_of(SceneData, found[0].field), wp.array(dtype=V)
+
+    @wp.func
+    def count_parts(scene: SceneData) -> int:
+        return count(data(scene))
+
+    @wp.func
+    def evaluate_part(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
+        evaluate(data(scene), compensation, x, v, c)
+
+    return count_parts, evaluate_part
 
 
 @functools.cache
@@ -196,8 +231,3 @@ def driving(composition: Composition) -> Driving:
     """Compose the functions that set the state of driven particles from the poses of drives."""
     SceneData = scene(composition)
     return next((piece.drive(SceneData) for piece in composition.pieces if piece.drive is not None), Driving())
-
-
-def _joined(both: Callable[[Any, Any], Any], functions: list[Any]) -> Any:
-    """Join functions into one by calling `both` on two at a time; return None if `functions` is empty."""
-    return functools.reduce(both, functions) if functions else None

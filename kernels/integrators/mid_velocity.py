@@ -9,6 +9,7 @@ import functools
 
 import warp as wp
 
+from ..basis import fully_hashed
 from ..loads.forces import APART
 from .composition import Composition, tools
 
@@ -20,31 +21,26 @@ MOST_ITERATIONS = 20
 def velocity_force(composition: Composition):
     """Compose the forces that are functions of velocity [N], (scene, x, u, i, mask); None if there are none."""
     V, SceneData, *_ = tools(composition)
+    found = [(k, one.at_velocity) for k, one in enumerate(composition.selective) if one.at_velocity is not None]
+    bits, forces, count = [1 << k for k, _ in found], [one for _, one in found], len(found)
 
-    def added(others, bit: int, force):
-        @wp.func
-        def total(scene: SceneData, x: V, u: V, i: int, mask: wp.uint8) -> V:
-            result = V()
-            if wp.static(others is not None):
-                result = others(scene, x, u, i, mask)
-            if (mask & wp.uint8(wp.static(bit))) != wp.uint8(0):
-                result += force(scene, x, u, i)
-            return result
-
+    @fully_hashed
+    def sum_at_velocity(scene: SceneData, x: V, u: V, i: int, mask: wp.uint8) -> V:
+        total = V()
+        for k in range(wp.static(count)):
+            if (mask & wp.uint8(wp.static(bits[k]))) != wp.uint8(0):
+                total += wp.static(forces[k])(x, u, scene.time[scene.stage], i)
         return total
 
-    result = None
-    for k, piece in enumerate(composition.selective):
-        if piece.at_velocity is not None:
-            result = added(result, 1 << k, piece.at_velocity(SceneData))
-    return result
+    return sum_at_velocity if found else None
 
 
 @functools.cache
 def inverse_of_kick(composition: Composition):
     """Compose (1 − s ∂F/∂u)⁻¹, for the velocity forces F: (scene, x, u, scale, s, i, mask).
 
-    By central differences, at velocities that differ by a fraction of `scale` [m/s].
+    By central differences, at velocities that differ by a fraction of `scale` [m/s]: a function of one's own need
+    not have an adjoint (native code has none), and Newton's method corrects what differences leave.
     """
     dim, scalar, force = composition.dim, composition.scalar, velocity_force(composition)
     V, SceneData, *_ = tools(composition)

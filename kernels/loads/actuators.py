@@ -1,13 +1,11 @@
 """Actuators: rest lengths that are functions of time; the change acts as an extra tension."""
 
 import functools
-from typing import Any
 
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import state_types
-from ..effect import ForceTerm
+from ..effect import ForceTerm, instant
 from ..records import records
 from ..springs.force_algorithm import difference
 
@@ -19,7 +17,7 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     A spring of rest length l0 (1 + s) has the tension k (l − l0 (1 + s)): the tension for l0, minus k l0 s. Both
     ends compute the force from the same numbers, so their forces are equal and opposite.
     """
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    V, Instant = vector(dim, scalar), instant(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
 
     @wp.struct
@@ -30,22 +28,19 @@ def actuated_springs(dim: int, scalar: type, compensated: bool) -> ForceTerm:
         column: wp.array(dtype=int)  # column of `strain`, shape [entry_count]
         strength: wp.array(dtype=scalar)  # k l0 [N], shape [entry_count]
 
-    def force(SceneData: Any):
-        @wp.func
-        def actuated(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            x_i = load(x, i)
-            total = V()
-            for e in range(scene.actuated.first[i], scene.actuated.first[i + 1]):
-                s = scene.actuated.strain[scene.stage, scene.actuated.column[e]]
-                dx = separation(compensation, x, x_i, i, scene.actuated.other[e])
-                length = wp.length(dx)
-                if length > scalar(0.0):
-                    total += (scene.actuated.strength[e] * s / length) * dx
-            return total
+    @wp.func
+    def pull(data: Actuated, now: Instant, i: int) -> V:
+        x_i = load(now.x, i)
+        total = V()
+        for e in range(data.first[i], data.first[i + 1]):
+            s = data.strain[now.stage, data.column[e]]
+            dx = separation(now.compensation, now.x, x_i, i, data.other[e])
+            length = wp.length(dx)
+            if length > scalar(0.0):
+                total += (data.strength[e] * s / length) * dx
+        return total
 
-        return actuated
-
-    return ForceTerm("actuated", Actuated, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("actuated", Actuated, force=pull, selective=True, timed=True, works=True)
 
 
 @functools.cache

@@ -1,36 +1,50 @@
 """Attachments: springs and dampers from particles to fixed or moving points."""
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import state_types
-from ..effect import ForceTerm
+from ..compensation import position_of
+from ..effect import ElementForce, ForceTerm, instant
 from ..records import records
 
 
-class Attachments(NamedTuple):
-    """The device side of attachments."""
+@functools.cache
+def spring_to_point(dim: int, scalar: type, stretched: bool) -> Any:
+    """Compose wp.func (k, b, l0, dx, dv) -> (force on the particle [N], stored energy [J], dissipated power [W]).
 
-    piece: ForceTerm
-    """The force term, for a scene's kernels."""
-    add_blocks: Any
-    """Kernel, over members, that adds to the blocks of the stability bound (`Effect.add_blocks`)."""
-    measure: Any
-    """Kernel, over members, that writes each one's stored energy [J] and dissipated power [W]."""
-    projected: Any
-    """φ·F of an attachment, for `adjoint.elements`."""
-    numbers: Any
-    """Stiffness, damping, rest length and anchor point of an attachment, for `adjoint.elements`."""
+    dx and dv are the particle's position and velocity less those of the point [m, m/s].
+    """
+    V = vector(dim, scalar)
+    half, zero = scalar(0.5), scalar(0.0)
+
+    @wp.func
+    def evaluate(k: scalar, b: scalar, l0: scalar, dx: V, dv: V):
+        if wp.static(stretched):
+            if l0 > zero:
+                length = wp.length(dx)
+                if length == zero:
+                    return V(), half * k * l0 * l0, zero
+                axis = dx / length
+                stretch = length - l0
+                speed = wp.dot(dv, axis)
+                return -(k * stretch + b * speed) * axis, half * k * stretch * stretch, b * speed * speed
+        return -k * dx - b * dv, half * k * wp.dot(dx, dx), b * wp.dot(dv, dv)
+
+    return evaluate
 
 
 @functools.cache
 def attachments(
     dim: int, scalar: type, compensated: bool, *, moving: bool, damped: bool, stretched: bool
-) -> Attachments:
-    """Compose the attachments of a scene; each flag is set if an attachment moves, is damped, has a rest length.
+) -> tuple[ForceTerm, ElementForce, Any, Any]:
+    """Compose (term, law, add_blocks, measure) of a scene's attachments.
+
+    Each flag is set if an attachment moves, is damped, has a rest length. The law's numbers are stiffness,
+    damping, rest length and anchor point. `add_blocks` is a kernel over members for `Effect.add_blocks`;
+    `measure`, one over worlds and members, writes each one's stored energy [J] and dissipated power [W].
 
     An attachment of rest length 0, F = −k (x − p) − b (v − u) for the point p with velocity u, acts equally in all
     directions. With a rest length it acts only along its axis, as a spring between particles, and exerts no force
@@ -38,10 +52,12 @@ def attachments(
 
     The carrier of a point does work at the rate F·u, which is summed over substeps like the work of drives.
     """
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    Turn = wp.types.matrix((dim, dim), scalar)
+    V, Wide, Numbers = vector(dim, scalar), vector(dim, wp.float64), vector(3 + dim, scalar)
+    Turn, Rows = wp.types.matrix((dim, dim), scalar), wp.types.matrix((1, dim), scalar)
     Block: Any = wp.types.matrix((dim, dim), wp.float64)
+    Instant, position = instant(dim, scalar, compensated), position_of(dim, scalar, compensated)
     load = records(dim, scalar).load
+    spring, wide_spring = (spring_to_point(dim, kind, stretched) for kind in (scalar, wp.float64))
 
     @wp.struct
     class Attached:
@@ -81,84 +97,59 @@ def attachments(
         return V()
 
     @wp.func
-    def pull(attached: Attached, row: int, e: int, y: V, k: scalar, b: scalar, l0: scalar, x: V, v: V) -> V:
-        dx = x - place(attached, row, e, y)
-        dv = V()
-        if wp.static(damped):
-            dv = v - velocity(attached, row, e, y)
-        if wp.static(stretched):
-            if l0 > scalar(0.0):
-                length = wp.length(dx)
-                if length == scalar(0.0):
-                    return V()
-                axis = dx / length
-                return -(k * (length - l0) + b * wp.dot(dv, axis)) * axis
-        return -k * dx - b * dv
-
-    def force(SceneData: Any):
-        @wp.func
-        def add_work(scene: SceneData, row: int, e: int, f: V):
-            if scene.attached.carrier[e] >= 0:
-                before = scene.worked.weight[row]
-                after = scene.worked.weight_of_last[row]
-                # False at a frame's end, and where half a kick looks ahead.
-                if after != wp.float64(0.0) or (scene.attached.ahead == 0 and before != wp.float64(0.0)):
-                    y = scene.attached.point[e]
-                    later = row + scene.attached.ahead
-                    now = before * wp.float64(wp.dot(f, velocity(scene.attached, row, e, y)))
-                    half = after * wp.float64(wp.dot(f, velocity(scene.attached, later, e, y)))
-                    scene.attached.done[0, e] = scene.attached.done[0, e] + now + half
-                    scene.attached.done[1, e] = half
-
-        @wp.func
-        def attachment(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            row = int(0)
-            if wp.static(moving):
-                row = scene.stage
-            x_i = load(x, i)
-            if wp.static(compensated):
-                x_i = x_i - load(compensation.x, i)
-            v_i = V()
-            if wp.static(damped):
-                v_i = load(v, i)
-            total = V()
-            for e in range(scene.attached.first[i], scene.attached.first[i + 1]):
-                y = scene.attached.point[e]
-                k = scene.attached.stiffness[e]
-                b = scene.attached.damping[e]
-                f = pull(scene.attached, row, e, y, k, b, scene.attached.rest_length[e], x_i, v_i)
-                if wp.static(moving):
-                    add_work(scene, row, e, f)
-                total += f
-            return total
-
-        return attachment
-
-    Rows: Any = wp.types.matrix((1, dim), scalar)
-    Numbers = vector(3 + dim, scalar)
-
-    @wp.func
-    def numbers(attached: Attached, e: int, i: int, stage: int) -> Numbers:
+    def numbers(data: Attached, e: int, stage: int) -> Numbers:
         own = Numbers()
-        own[0] = attached.stiffness[e]
-        own[1] = attached.damping[e]
-        own[2] = attached.rest_length[e]
+        own[0] = data.stiffness[e]
+        own[1] = data.damping[e]
+        own[2] = data.rest_length[e]
         for k in range(wp.static(dim)):
-            own[3 + k] = attached.point[e][k]
+            own[3 + k] = data.point[e][k]
         return own
 
     @wp.func
-    def projected(
-        attached: Attached, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: Numbers
-    ) -> scalar:
+    def evaluate(data: Attached, e: int, time: scalar, stage: int, x: Rows, v: Rows, own: Numbers) -> V:
         row = int(0)
         if wp.static(moving):
             row = stage
         y = V()
         for k in range(wp.static(dim)):
             y[k] = own[3 + k]
-        return wp.dot(pull(attached, row, e, y, own[0], own[1], own[2], x[0], v[0]), phi[0])
+        dx = x[0] - place(data, row, e, y)
+        dv = V()
+        if wp.static(damped):
+            dv = v[0] - velocity(data, row, e, y)
+        force, _energy, _power = spring(own[0], own[1], own[2], dx, dv)
+        return force
 
+    @wp.func
+    def add_work(data: Attached, now: Instant, e: int, f: V):
+        if data.carrier[e] >= 0:
+            before = now.weight[now.stage]
+            after = now.weight_of_last[now.stage]
+            # False at a frame's end, and where half a kick looks ahead.
+            if after != wp.float64(0.0) or (data.ahead == 0 and before != wp.float64(0.0)):
+                y = data.point[e]
+                work = before * wp.float64(wp.dot(f, velocity(data, now.stage, e, y)))
+                half = after * wp.float64(wp.dot(f, velocity(data, now.stage + data.ahead, e, y)))
+                data.done[0, e] = data.done[0, e] + work + half
+                data.done[1, e] = half
+
+    @wp.func
+    def attachment(data: Attached, now: Instant, i: int) -> V:
+        x = Rows()
+        v = Rows()
+        x[0] = position(now.compensation, now.x, i)
+        v[0] = load(now.v, i)
+        total = V()
+        for e in range(data.first[i], data.first[i + 1]):
+            f = evaluate(data, e, now.time, now.stage, x, v, numbers(data, e, now.stage))
+            if wp.static(moving):
+                add_work(data, now, e, f)
+            total += f
+        return total
+
+    # Not derived from `evaluate`: half of k and b bounds what a spring exerts in any direction, also in those to
+    # which it turns later. Derivatives are those of the present one, and grow without bound near the point.
     @kernel
     def add_attachment_blocks(
         attached: Attached,
@@ -196,23 +187,15 @@ def attachments(
         for e in range(attached.first[i], attached.first[i + 1]):
             p = place(attached, row, e, attached.point[e])
             u = velocity(attached, row, e, attached.point[e])
-            square = wp.float64(0.0)  # |x − p|²
-            along = wp.float64(0.0)  # (v − u)·(x − p)
-            whole = wp.float64(0.0)  # |v − u|²
-            for c in range(wp.static(dim)):
-                d = wp.float64(x[here][c]) - wp.float64(p[c])
-                rate = wp.float64(v[here][c]) - wp.float64(u[c])
-                square += d * d
-                along += rate * d
-                whole += rate * rate
+            k = wp.float64(attached.stiffness[e])
+            b = wp.float64(attached.damping[e])
             l0 = wp.float64(attached.rest_length[e])
-            stretch = wp.sqrt(square) - l0
-            stored += wp.float64(0.5) * wp.float64(attached.stiffness[e]) * stretch * stretch
-            if l0 > wp.float64(0.0):
-                whole = along * along / wp.max(square, wp.float64(1.0e-300))
-            lost_power += wp.float64(attached.damping[e]) * whole
+            _force, own, lost = wide_spring(k, b, l0, Wide(x[here]) - Wide(p), Wide(v[here]) - Wide(u))
+            stored += own
+            lost_power += lost
         energy[w, m] = stored
         power[w, m] = lost_power
 
-    piece = ForceTerm("attached", Attached, force=force, selective=True, timed=moving)
-    return Attachments(piece, add_attachment_blocks, measure_attached, projected, numbers)
+    piece = ForceTerm("attached", Attached, force=attachment, selective=True, timed=moving)
+    law = ElementForce(evaluate, numbers, 3 + dim)
+    return piece, law, add_attachment_blocks, measure_attached

@@ -6,9 +6,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import state_types
-from ..effect import ForceTerm
-from ..records import records
+from ..effect import ElementForce, ForceTerm, instant, on_particles
 from ..reductions.rate_bounds import largest_eigenvalue
 from .work import Nothing
 
@@ -17,133 +15,75 @@ APART = {wp.float32: 5e-3, wp.float64: 1e-5}
 
 
 @functools.cache
-def steady_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the term of constant forces.
+def given_force(dim: int, scalar: type, compensated: bool, varies: bool) -> tuple[ForceTerm, ElementForce]:
+    """Return the term and the law of forces that are constant, or, if it `varies`, functions of time.
 
     Particles with equal combinations of forces read the same precomputed sum: the few sums fit into caches.
     """
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    V, Rows = vector(dim, scalar), wp.types.matrix((1, dim), scalar)
 
     @wp.struct
-    class Steady:
-        value: wp.array(dtype=V)  # sums of combined forces [N], the first one 0; shape [combination_count]
+    class Given:
+        value: wp.array2d(dtype=V)  # sums of combined forces [N], the first one 0; shape [rows, combination_count]
         combination: wp.array(dtype=int)  # index of the sum for each particle, shape [particle_count]
-
-    def force(SceneData: Any):
-        @wp.func
-        def hold(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            return scene.steady.value[scene.steady.combination[i]]
-
-        return hold
-
-    return ForceTerm("steady", Steady, force=force, selective=True)
-
-
-@functools.cache
-def varying_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
-    """Return the term of forces that are functions of time."""
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-
-    @wp.struct
-    class Varying:
-        value: wp.array2d(dtype=V)  # for each stage of a frame and its end [N], shape [any, combination_count]
-        combination: wp.array(dtype=int)  # index of the sum for each particle, shape [particle_count]
-
-    def force(SceneData: Any):
-        @wp.func
-        def vary(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            return scene.varying.value[scene.stage, scene.varying.combination[i]]
-
-        return vary
-
-    return ForceTerm("varying", Varying, force=force, selective=True, timed=True, works=True)
-
-
-@functools.cache
-def given_force_projection(dim: int, scalar: type, Data: Any, varies: bool):
-    """Compose (projected, numbers): φ·F of a particle under the force F, and F, for `adjoint.elements`."""
-    Rows: Any = wp.types.matrix((1, dim), scalar)
-    V = vector(dim, scalar)
 
     @wp.func
-    def numbers(data: Data, e: int, i: int, stage: int) -> V:
+    def numbers(data: Given, i: int, stage: int) -> V:
+        row = int(0)
         if wp.static(varies):
-            return data.value[stage, data.combination[i]]
-        else:
-            return data.value[data.combination[i]]
+            row = stage
+        return data.value[row, data.combination[i]]
 
     @wp.func
-    def projected(
-        data: Data, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: V
-    ) -> scalar:
-        return wp.dot(own, phi[0])
+    def evaluate(data: Given, i: int, time: scalar, stage: int, x: Rows, v: Rows, own: V) -> V:
+        return own
 
-    return projected, numbers
+    law = ElementForce(evaluate, numbers, dim, of_particles=True)
+    force = on_particles(dim, scalar, compensated, Given, law)
+    field = "varying" if varies else "steady"
+    return ForceTerm(field, Given, force=force, selective=True, timed=varies, works=varies), law
 
 
 @functools.cache
 def weight_force(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the force term of time-dependent gravity: m g(t)."""
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    V, Instant = vector(dim, scalar), instant(dim, scalar, compensated)
 
     @wp.struct
     class Falling:
         gravity: wp.array2d(dtype=V)  # for each stage of a frame and its end [m/s²], shape [any, 1]
 
-    def force(SceneData: Any):
-        @wp.func
-        def fall(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            return scene.falling.gravity[scene.stage, 0] / scene.inverse_mass[i]
+    @wp.func
+    def fall(data: Falling, now: Instant, i: int) -> V:
+        return data.gravity[now.stage, 0] / now.inverse_mass[i]
 
-        return fall
-
-    return ForceTerm("falling", Falling, force=force, selective=True, timed=True, works=True)
+    return ForceTerm("falling", Falling, force=fall, selective=True, timed=True, works=True)
 
 
 @functools.cache
 def function_force(
     dim: int, scalar: type, compensated: bool, function: Any, number: int, of_velocity: bool
-) -> ForceTerm:
-    """Return the term of a force that is a function of position, velocity and time.
+) -> tuple[ForceTerm, ElementForce]:
+    """Return the term and the law of a force that is a function of position, velocity and time.
 
     `function` is a wp.func (x, v, t, i) -> force [N] on particle i at position x with velocity v at time t.
     `number` distinguishes the functions of a scene; `of_velocity`: whether v matters.
     """
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    load = records(dim, scalar).load
-
-    def at_velocity(SceneData: Any):
-        @wp.func
-        def function_at(scene: SceneData, x: V, u: V, i: int) -> V:
-            return function(x, u, scene.time[scene.stage], i)
-
-        return function_at
-
-    def force(SceneData: Any):
-        @wp.func
-        def function_of_place(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            x_i = load(x, i)
-            if wp.static(compensated):
-                x_i = x_i - load(compensation.x, i)
-            return function(x_i, load(v, i), scene.time[scene.stage], i)
-
-        return function_of_place
-
-    late = at_velocity if of_velocity else None
-    kind = {"selective": True, "timed": True, "works": True}
-    return ForceTerm(f"function_force_{number}", Nothing, force=force, at_velocity=late, **kind)
-
-
-@functools.cache
-def function_projection(dim: int, scalar: type, function: Any):
-    """Compose φ·F of a particle under a force F given by a function, for `adjoint.elements`."""
-    Rows: Any = wp.types.matrix((1, dim), scalar)
+    V, Rows = vector(dim, scalar), wp.types.matrix((1, dim), scalar)
 
     @wp.func
-    def projected(data: Nothing, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
-        return wp.dot(function(x[0], v[0], time, i), phi[0])
+    def no_numbers(data: Nothing, i: int, stage: int) -> scalar:
+        return scalar(0.0)
 
-    return projected
+    @wp.func
+    def evaluate(data: Nothing, i: int, time: scalar, stage: int, x: Rows, v: Rows, own: scalar) -> V:
+        return function(x[0], v[0], time, i)
+
+    law = ElementForce(evaluate, no_numbers, of_particles=True)
+    force = on_particles(dim, scalar, compensated, Nothing, law)
+    kind = {"selective": True, "timed": True, "works": True}
+    at_velocity = function if of_velocity else None
+    return ForceTerm(f"function_force_{number}", Nothing, force=force, at_velocity=at_velocity, **kind), law
 
 
 @functools.cache
@@ -170,6 +110,9 @@ def function_values(dim: int, scalar: type, function: Any):
 @functools.cache
 def add_function_slopes(dim: int, scalar: type, function: Any):
     """Compose the kernel, over worlds and particles, that adds half of |∂F/∂x| and |∂F/∂v| to the bound's blocks.
+
+    By differences, not by Warp: they also see a wall that a particle is about to touch, and a function without an
+    adjoint, such as one with native code, whose derivatives Warp takes for 0.
 
     |J| is the largest singular value: forces across the motion count as those along it. The steepest counts of the
     present place and, if asked for, two ahead, where the velocity leads to in half a frame and in one.

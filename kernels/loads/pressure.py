@@ -6,73 +6,46 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import state_types
-from ..effect import ForceTerm
+from ..effect import ElementForce, ForceTerm
 from ..records import records
-from .surface_triangles import face
+from .surface_triangles import on_triangles, triangles
 
 
 @functools.cache
-def _pressed(dim: int, scalar: type, compensated: bool, mixed: bool):
-    """Compose (Pressed, press): pressures on triangles, and the force Σ p a / 3 on a particle in some of them."""
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    Faces, corners = face(dim, scalar, compensated, mixed)
+def pressure(dim: int, scalar: type, compensated: bool, mixed: bool, gas: bool) -> tuple[ForceTerm, ElementForce]:
+    """Return the term and the law of pressures: p a on a triangle with the area vector a, a third on each corner.
+
+    Given pressures have a row for each stage of a frame and one for its end; those of enclosed gases have one row,
+    which `gas_law` computes in each stage.
+    """
+    V, Numbers, Rows = vector(dim, scalar), vector(1, scalar), wp.types.matrix((3, dim), scalar)
+    Triangles: Any = triangles(dim, scalar, mixed)
 
     @wp.struct
     class Pressed:
         value: wp.array2d(dtype=scalar)  # [Pa], shape [rows, count]
-        faces: Faces
+        faces: Triangles
         of: wp.array(dtype=int)  # index of each triangle's pressure, shape [triangle_count]
 
     @wp.func
-    def press(p: Pressed, compensation: Compensation, x: Vectors, v: Vectors, i: int, row: int) -> V:
-        total = V()
-        for e in range(p.faces.first[i], p.faces.first[i + 1]):
-            t = p.faces.number[e]
-            _centre, _velocity, a = corners(p.faces, compensation, x, v, t)
-            if wp.static(mixed):
-                total += p.value[row, p.of[t]] * p.faces.share[e] * a
-            else:
-                total += p.value[row, p.of[t]] / scalar(3.0) * a
-        return total
+    def numbers(data: Pressed, t: int, stage: int) -> Numbers:
+        row = int(0)
+        if wp.static(not gas):
+            row = stage
+        return Numbers(data.value[row, data.of[t]])
 
-    return Pressed, press
+    @wp.func
+    def evaluate(data: Pressed, t: int, time: scalar, stage: int, x: Rows, v: Rows, own: Numbers) -> V:
+        a = scalar(0.5) * wp.cross(x[1] - x[0], x[2] - x[0])  # outward by the right-hand rule
+        if wp.static(mixed):
+            return own[0] * a
+        return own[0] / scalar(3.0) * a
 
-
-@functools.cache
-def given_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the term of given pressures; their table has a row for each stage of a frame, and one for its end."""
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    Pressed, press = _pressed(dim, scalar, compensated, mixed)
-
-    def force(SceneData: Any):
-        @wp.func
-        def press_by_time(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            if wp.static(mixed):
-                return press(scene.pressure, compensation, scene.skin.x, scene.skin.v, i, scene.stage)
-            return press(scene.pressure, compensation, x, v, i, scene.stage)
-
-        return press_by_time
-
-    return ForceTerm("pressure", Pressed, force=force, selective=True, timed=True, works=True)
-
-
-@functools.cache
-def gas_pressure(dim: int, scalar: type, compensated: bool, mixed: bool = False) -> ForceTerm:
-    """Return the term of enclosed gases; the table has one row, which `gas_law` computes in each stage."""
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    Pressed, press = _pressed(dim, scalar, compensated, mixed)
-
-    def force(SceneData: Any):
-        @wp.func
-        def press_by_volume(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            if wp.static(mixed):
-                return press(scene.gas, compensation, scene.skin.x, scene.skin.v, i, 0)
-            return press(scene.gas, compensation, x, v, i, 0)
-
-        return press_by_volume
-
-    return ForceTerm("gas", Pressed, force=force, selective=True, timed=True, works=True)
+    law = ElementForce(evaluate, numbers, 1, points=3, shared=mixed)
+    force = on_triangles(dim, scalar, compensated, mixed, Pressed, law)
+    return ForceTerm(
+        "gas" if gas else "pressure", Pressed, force=force, selective=True, timed=True, works=True
+    ), law
 
 
 @functools.cache
@@ -134,32 +107,13 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
 
 
 @functools.cache
-def given_projection(dim: int, scalar: type, Pressed: Any):
-    """Compose (projected, numbers): φ·F of a triangle, and its pressure, for `adjoint.elements`."""
-    Rows: Any = wp.types.matrix((3, dim), scalar)
-    Numbers = vector(1, scalar)
-
-    @wp.func
-    def numbers(data: Pressed, t: int, i: int, stage: int) -> Numbers:
-        return Numbers(data.value[stage, data.of[t]])
-
-    @wp.func
-    def projected(
-        data: Pressed, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: Numbers
-    ) -> scalar:
-        sixth = scalar(1.0) / scalar(6.0)
-        return own[0] * sixth * wp.dot(wp.cross(x[1] - x[0], x[2] - x[0]), phi[0] + phi[1] + phi[2])
-
-    return projected, numbers
-
-
-@functools.cache
 def gas_adjoint(dim: int, scalar: type):
-    """Compose (Gases, projected, kernel) for the adjoint of gases: φ·F of a triangle, and sums for it.
+    """Compose (Gases, law, kernel) for the adjoint of gases: φ·F of a triangle, and sums for it.
 
-    With S = Σ a·φ over a gas' triangles with area vectors a and mean φ, φ·F = p S. Its derivative is p ∂S/∂x + p'
-    S ∂V/∂x. The kernel sums S and V for each gas, with a block per gas. If wanted, it also adds to the derivatives
-    by the gas' overpressure, outside pressure, volume and exponent.
+    A gas' pressure depends on all of its triangles, so Warp cannot find it from one. With S = Σ a·φ over a gas'
+    triangles with area vectors a and mean φ, φ·F = p S. Its derivative is p ∂S/∂x + p' S ∂V/∂x. The kernel sums S
+    and V for each gas, with a block per gas. If wanted, it also adds to the derivatives by the gas' overpressure,
+    outside pressure, volume and exponent.
     """
     V, load = vector(dim, scalar), records(dim, scalar).load
     Rows: Any = wp.types.matrix((3, dim), scalar)
@@ -172,7 +126,7 @@ def gas_adjoint(dim: int, scalar: type):
         origin: wp.array(dtype=V)  # a reference point of each gas for its volume [m]
 
     @wp.func
-    def projected(data: Gases, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
+    def projected(data: Gases, t: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
         g = data.of[t]
         sixth = scalar(1.0) / scalar(6.0)
         doubled = wp.cross(x[1] - x[0], x[2] - x[0])
@@ -232,4 +186,4 @@ def gas_adjoint(dim: int, scalar: type):
                 by_numbers[g, 2] = by_numbers[g, 2] + scalar(along * of_gas[3] * inside / of_gas[2])
                 by_numbers[g, 3] = by_numbers[g, 3] - scalar(along * inside * wp.log(part))
 
-    return Gases, projected, find_slopes
+    return Gases, ElementForce(projected=projected, width=4, points=3), find_slopes

@@ -6,81 +6,70 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import state_types
-from ..effect import ForceTerm
+from ..compensation import position_of, state_types
+from ..effect import ElementForce, instant
 from ..records import records
 
 
 @functools.cache
-def face(dim: int, scalar: type, compensated: bool, mixed: bool = False):
-    """Compose (Faces, corners): triangles with the particles at their corners, and a triangle's geometry.
+def triangles(dim: int, scalar: type, mixed: bool) -> Any:
+    """Compose the struct of triangles with the particles around them.
 
-    If `mixed`, vertices are weighted means of particles; `mix_vertices` computes their x and v. A triangle's force
-    on a particle is then in proportion to the particle's weights in the corners.
-
-    corners(faces, compensation, x, v, t) -> (centre, velocity, area vector) of triangle t: means over corners, and
-    half the cross product of two edges, outward by the right-hand rule. Area vectors exist only in 3D.
+    If `mixed`, vertices are weighted means of particles, which `mix_vertices` computes. A triangle's force is then
+    shared by particles in proportion to their weights in the corners.
     """
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    load = records(dim, scalar).load
+    V = vector(dim, scalar)
 
     @wp.struct
-    class Faces:
+    class Triangles:
         corner: wp.array(dtype=wp.vec3i)  # vertices of each triangle, shape [triangle_count]
         first: wp.array(dtype=int)  # row starts of `number`, shape [particle_count + 1]
         number: wp.array(dtype=int)  # triangles of each particle, shape [3 triangle_count], or [any] if mixed
         if mixed:
-            share: wp.array(dtype=scalar)  # weight of the particle in each triangle, shape [any]
+            share: wp.array(dtype=scalar)  # of the particle in the triangle's force, shape [any]
+            x: wp.array(dtype=V)  # of vertices [m], shape [vertex_count]
+            v: wp.array(dtype=V)  # [m/s]
 
-    @wp.func
-    def place(compensation: Compensation, x: Vectors, i: int) -> V:
-        if wp.static(mixed):
-            return x[i]
-        x_i = load(x, i)
-        if wp.static(compensated):
-            x_i = x_i - load(compensation.x, i)
-        return x_i
-
-    @wp.func
-    def corners(faces: Faces, compensation: Compensation, x: Vectors, v: Vectors, t: int):
-        i = faces.corner[t][0]
-        j = faces.corner[t][1]
-        k = faces.corner[t][2]
-        x_i = place(compensation, x, i)
-        x_j = place(compensation, x, j)
-        x_k = place(compensation, x, k)
-        third = scalar(1.0) / scalar(3.0)
-        area = V()
-        if wp.static(dim == 3):
-            area = scalar(0.5) * wp.cross(x_j - x_i, x_k - x_i)
-        if wp.static(mixed):
-            velocity = third * (v[i] + v[j] + v[k])
-        else:
-            velocity = third * (load(v, i) + load(v, j) + load(v, k))
-        return third * (x_i + x_j + x_k), velocity, area
-
-    return Faces, corners
+    return Triangles
 
 
 @functools.cache
-def mixed_vertices(dim: int, scalar: type) -> ForceTerm:
-    """Return the term of vertices that are weighted means of particles: their positions and velocities."""
-    V = vector(dim, scalar)
+def on_triangles(dim: int, scalar: type, compensated: bool, mixed: bool, Data: Any, law: ElementForce) -> Any:
+    """Compose `ForceTerm.force` of elements that are triangles, `data.faces`: the sum of those at a particle."""
+    V, Instant = vector(dim, scalar), instant(dim, scalar, compensated)
+    Rows, (evaluate, numbers, *_) = wp.types.matrix((3, dim), scalar), law
+    load, position = records(dim, scalar).load, position_of(dim, scalar, compensated)
 
-    @wp.struct
-    class Skin:
-        x: wp.array(dtype=V)  # [m], shape [vertex_count]
-        v: wp.array(dtype=V)  # [m/s]
+    @wp.func
+    def force_of_triangles(data: Data, now: Instant, i: int) -> V:
+        total = V()
+        for n in range(data.faces.first[i], data.faces.first[i + 1]):
+            t = data.faces.number[n]
+            own = numbers(data, t, now.stage)  # before the corners: for an H200 that takes 8 registers less
+            x = Rows()
+            v = Rows()
+            for k in range(3):
+                corner = data.faces.corner[t][k]
+                if wp.static(mixed):
+                    x[k] = data.faces.x[corner]
+                    v[k] = data.faces.v[corner]
+                else:
+                    x[k] = position(now.compensation, now.x, corner)
+                    v[k] = load(now.v, corner)
+            force = evaluate(data, t, now.time, now.stage, x, v, own)
+            if wp.static(mixed):
+                force = data.faces.share[n] * force
+            total += force
+        return total
 
-    return ForceTerm("skin", Skin)
+    return force_of_triangles
 
 
 @functools.cache
 def mix_vertices(dim: int, scalar: type, compensated: bool):
     """Compose the kernel, over vertices of all worlds, that computes Σ weight · x and Σ weight · v."""
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    Skin: Any = mixed_vertices(dim, scalar).Data
-    load = records(dim, scalar).load
+    load, position = records(dim, scalar).load, position_of(dim, scalar, compensated)
 
     @kernel
     def mix(
@@ -92,22 +81,20 @@ def mix_vertices(dim: int, scalar: type, compensated: bool):
         compensation: Compensation,
         x: Vectors,  # [m], shape [particle_count]
         v: Vectors,  # [m/s], shape [particle_count]
-        # Out:
-        skin: Skin,
+        # Out, of vertices:
+        place: wp.array(dtype=V),  # [m]
+        speed: wp.array(dtype=V),  # [m/s]
     ):
         i = wp.tid()
         first = i / particle.shape[0] * stride
         n = i % particle.shape[0]
-        place = V()
-        speed = V()
+        mean_x = V()
+        mean_v = V()
         for k in range(particle.shape[1]):
             j = first + particle[n, k]
-            x_j = load(x, j)
-            if wp.static(compensated):
-                x_j = x_j - load(compensation.x, j)
-            place += weight[n, k] * x_j
-            speed += weight[n, k] * load(v, j)
-        skin.x[i] = place
-        skin.v[i] = speed
+            mean_x += weight[n, k] * position(compensation, x, j)
+            mean_v += weight[n, k] * load(v, j)
+        place[i] = mean_x
+        speed[i] = mean_v
 
     return mix

@@ -6,16 +6,14 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import state_types
-from ..effect import ForceTerm
-from ..records import records
-from .surface_triangles import face
+from ..effect import ElementForce, ForceTerm, on_particles
+from .surface_triangles import on_triangles, triangles
 
 
 @functools.cache
-def _blows(dim: int, scalar: type, function: Any):
-    """Compose (Winds, air): data of winds, and the air velocity at x of wind w in a stage of a frame."""
-    V = vector(dim, scalar)
+def _blowing(dim: int, scalar: type, function: Any) -> Any:
+    """Compose (Winds, numbers, air): data of winds; drag, lift and velocity of wind w; the air velocity at x."""
+    V, Numbers = vector(dim, scalar), vector(2 + dim, scalar)
 
     @wp.struct
     class Winds:
@@ -24,12 +22,24 @@ def _blows(dim: int, scalar: type, function: Any):
         lift: wp.array(dtype=scalar)  # ½ ρ C_l [kg/m³], shape [wind_count]
 
     @wp.func
-    def air(winds: Winds, x: V, time: scalar, stage: int, w: int) -> V:
+    def numbers(winds: Winds, w: int, stage: int) -> Numbers:
+        own = Numbers()
+        own[0] = winds.drag[w]
+        own[1] = winds.lift[w]
+        for k in range(wp.static(dim)):
+            own[2 + k] = winds.velocity[stage, w][k]
+        return own
+
+    @wp.func
+    def air(own: Numbers, x: V, time: scalar) -> V:
         if wp.static(function is not None):
             return function(x, time)
-        return winds.velocity[stage, w]
+        velocity = V()
+        for k in range(wp.static(dim)):
+            velocity[k] = own[2 + k]
+        return velocity
 
-    return Winds, air
+    return Winds, numbers, air
 
 
 @functools.cache
@@ -52,28 +62,10 @@ def velocity_of_air(dim: int, scalar: type, function: Any):
 
 
 @functools.cache
-def _force_on_face(dim: int, scalar: type):
-    """Compose push(drag, lift, u, a): the force on a triangle, see `wind_on_faces`."""
-    V = vector(dim, scalar)
-
-    @wp.func
-    def push(drag: scalar, lift: scalar, u: V, a: V) -> V:
-        through = wp.dot(u, a)
-        force = -drag * wp.abs(through) * u
-        speed = wp.length(u)
-        area = wp.length(a)
-        if lift * speed * area > scalar(0.0):
-            force -= lift * through / area * (speed * a - through / speed * u)
-        return force
-
-    return push
-
-
-@functools.cache
 def wind_on_faces(
-    dim: int, scalar: type, compensated: bool, function: Any, mixed: bool = False, any_closed: bool = False
-) -> ForceTerm:
-    """Return the term of wind on a surface: the forces of air on the triangles around a particle.
+    dim: int, scalar: type, compensated: bool, function: Any, mixed: bool, any_closed: bool
+) -> tuple[ForceTerm, ElementForce]:
+    """Return the term and the law of wind on a surface: the forces of air on the triangles around a particle.
 
     With u the velocity of a triangle relative to the air, a its area vector and n = a/|a|,
 
@@ -87,106 +79,52 @@ def wind_on_faces(
     the quadratic drag is as on a plate.
 
     `function` is a wp.func (x, t) -> air velocity [m/s]; None if velocities are tabulated. `mixed`: vertices
-    are weighted means of particles (see `face`). `any_closed`: some triangle is part of a closed surface.
+    are weighted means of particles (see `triangles`). `any_closed`: some triangle is part of a closed surface.
     """
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    Faces, corners = face(dim, scalar, compensated, mixed)
-    Winds, air = _blows(dim, scalar, function)
-    push = _force_on_face(dim, scalar)
+    V, Numbers, Rows = vector(dim, scalar), vector(2 + dim, scalar), wp.types.matrix((3, dim), scalar)
+    Triangles: Any = triangles(dim, scalar, mixed)
+    Winds, of_wind, air = _blowing(dim, scalar, function)
 
     @wp.struct
     class WindOnFaces:
         winds: Winds
-        faces: Faces
+        faces: Triangles
         wind: wp.array(dtype=int)  # index of the wind on each triangle, shape [triangle_count]
         if any_closed:
             closed: wp.array(dtype=bool)  # whether the triangle's surface is closed, shape [triangle_count]
 
-    def force(SceneData: Any):
-        @wp.func
-        def blow(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            total = V()
-            for e in range(scene.wind.faces.first[i], scene.wind.faces.first[i + 1]):
-                t = scene.wind.faces.number[e]
-                w = scene.wind.wind[t]
-                if wp.static(mixed):
-                    centre, velocity, a = corners(scene.wind.faces, compensation, scene.skin.x, scene.skin.v, t)
-                else:
-                    centre, velocity, a = corners(scene.wind.faces, compensation, x, v, t)
-                u = velocity - air(scene.wind.winds, centre, scene.time[scene.stage], scene.stage, w)
-                if wp.static(any_closed):
-                    if scene.wind.closed[t] and wp.dot(u, a) < scalar(0.0):
-                        continue
-                if wp.static(mixed):
-                    f = push(scene.wind.winds.drag[w], scene.wind.winds.lift[w], u, a)
-                    total += scene.wind.faces.share[e] * f
-                else:
-                    total += push(scene.wind.winds.drag[w], scene.wind.winds.lift[w], u, a) / scalar(3.0)
-            return total
-
-        return blow
-
-    return ForceTerm("wind", WindOnFaces, force=force, selective=True, timed=True, works=True)
-
-
-def _numbers_of_air(dim: int, scalar: type, Data: Any, function: Any, on_faces: bool):
-    """Compose (Numbers, numbers, air): drag, lift and velocity of an element's wind; the air velocity at x."""
-    V, Numbers = vector(dim, scalar), vector(2 + dim, scalar)
+    @wp.func
+    def numbers(data: WindOnFaces, t: int, stage: int) -> Numbers:
+        return of_wind(data.winds, data.wind[t], stage)
 
     @wp.func
-    def numbers(data: Data, e: int, i: int, stage: int) -> Numbers:
-        member = i
-        if wp.static(on_faces):
-            member = e
-        w = data.wind[member]
-        own = Numbers()
-        own[0] = data.winds.drag[w]
-        own[1] = data.winds.lift[w]
-        for k in range(wp.static(dim)):
-            own[2 + k] = data.winds.velocity[stage, w][k]
-        return own
-
-    @wp.func
-    def air(own: Numbers, x: V, time: scalar) -> V:
-        if wp.static(function is not None):
-            return function(x, time)
-        velocity = V()
-        for k in range(wp.static(dim)):
-            velocity[k] = own[2 + k]
-        return velocity
-
-    return Numbers, numbers, air
-
-
-@functools.cache
-def projection_on_faces(dim: int, scalar: type, WindOnFaces: Any, function: Any, any_closed: bool):
-    """Compose (projected, numbers): φ·F of a triangle, and the numbers of its wind, for `adjoint.elements`."""
-    Rows: Any = wp.types.matrix((3, dim), scalar)
-    push = _force_on_face(dim, scalar)
-    Numbers, numbers, air = _numbers_of_air(dim, scalar, WindOnFaces, function, True)
-
-    @wp.func
-    def projected(
-        data: WindOnFaces, t: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: Numbers
-    ) -> scalar:
+    def evaluate(data: WindOnFaces, t: int, time: scalar, stage: int, x: Rows, v: Rows, own: Numbers) -> V:
         third = scalar(1.0) / scalar(3.0)
-        a = scalar(0.5) * wp.cross(x[1] - x[0], x[2] - x[0])
+        a = scalar(0.5) * wp.cross(x[1] - x[0], x[2] - x[0])  # outward by the right-hand rule
         u = third * (v[0] + v[1] + v[2]) - air(own, third * (x[0] + x[1] + x[2]), time)
-        along = third * wp.dot(push(own[0], own[1], u, a), phi[0] + phi[1] + phi[2])
+        through = wp.dot(u, a)
         if wp.static(any_closed):
-            if data.closed[t] and wp.dot(u, a) < scalar(0.0):
-                along = scalar(0.0)
-        return along
+            if data.closed[t] and through < scalar(0.0):
+                return V()
+        force = -own[0] * wp.abs(through) * u
+        speed = wp.length(u)
+        area = wp.length(a)
+        if own[1] * speed * area > scalar(0.0):
+            force -= own[1] * through / area * (speed * a - through / speed * u)
+        if wp.static(mixed):
+            return force
+        return force / scalar(3.0)
 
-    return projected, numbers
+    law = ElementForce(evaluate, numbers, 2 + dim, points=3, shared=mixed)
+    force = on_triangles(dim, scalar, compensated, mixed, WindOnFaces, law)
+    return ForceTerm("wind", WindOnFaces, force=force, selective=True, timed=True, works=True), law
 
 
 @functools.cache
-def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> ForceTerm:
-    """Return the term of wind on particles: −½ ρ C_d A |u| u on a particle of area A."""
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
-    load = records(dim, scalar).load
-    Winds, air = _blows(dim, scalar, function)
+def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) -> tuple[ForceTerm, ElementForce]:
+    """Return the term and the law of wind on particles: −½ ρ C_d A |u| u on a particle of area A."""
+    V, Numbers, Rows = vector(dim, scalar), vector(2 + dim, scalar), wp.types.matrix((1, dim), scalar)
+    Winds, of_wind, air = _blowing(dim, scalar, function)
 
     @wp.struct
     class WindOnParticles:
@@ -194,29 +132,15 @@ def wind_on_particles(dim: int, scalar: type, compensated: bool, function: Any) 
         wind: wp.array(dtype=int)  # index of the wind on each particle, shape [particle_count]
         area: wp.array(dtype=scalar)  # [m²], shape [particle_count]
 
-    def force(SceneData: Any):
-        @wp.func
-        def blow(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            w = scene.drag.wind[i]
-            u = load(v, i) - air(scene.drag.winds, load(x, i), scene.time[scene.stage], scene.stage, w)
-            return -scene.drag.winds.drag[w] * scene.drag.area[i] * wp.length(u) * u
-
-        return blow
-
-    return ForceTerm("drag", WindOnParticles, force=force, selective=True, timed=True, works=True)
-
-
-@functools.cache
-def projection_on_particles(dim: int, scalar: type, WindOnParticles: Any, function: Any):
-    """Compose (projected, numbers): φ·F of a particle, and the numbers of its wind, for `adjoint.elements`."""
-    Rows: Any = wp.types.matrix((1, dim), scalar)
-    Numbers, numbers, air = _numbers_of_air(dim, scalar, WindOnParticles, function, False)
+    @wp.func
+    def numbers(data: WindOnParticles, i: int, stage: int) -> Numbers:
+        return of_wind(data.winds, data.wind[i], stage)
 
     @wp.func
-    def projected(
-        data: WindOnParticles, e: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows, own: Numbers
-    ) -> scalar:
+    def evaluate(data: WindOnParticles, i: int, time: scalar, stage: int, x: Rows, v: Rows, own: Numbers) -> V:
         u = v[0] - air(own, x[0], time)
-        return -own[0] * data.area[i] * wp.length(u) * wp.dot(u, phi[0])
+        return -own[0] * data.area[i] * wp.length(u) * u
 
-    return projected, numbers
+    law = ElementForce(evaluate, numbers, 2 + dim, of_particles=True)
+    force = on_particles(dim, scalar, compensated, WindOnParticles, law)
+    return ForceTerm("drag", WindOnParticles, force=force, selective=True, timed=True, works=True), law

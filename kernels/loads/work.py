@@ -1,7 +1,6 @@
 """The work of loads: f·v summed over substeps and particles, while forces are evaluated."""
 
 import functools
-from typing import Any
 
 import warp as wp
 
@@ -37,33 +36,6 @@ def work(dim: int, scalar: type) -> ForceTerm:
         weight_of_last: wp.array(dtype=wp.float64)  # weight of the last substep's force with this stage's velocity
 
     return ForceTerm("worked", Worked, timed=True)
-
-
-@functools.cache
-def measured(dim: int, scalar: type, SceneData: Any, force: Any, Compensation: Any, effect_mask: int):
-    """Compose a force (scene, compensation, x, v, i, mask) that equals `force`, and sums its work.
-
-    Work is summed for particles whose mask has a bit of `effect_mask`.
-    """
-    V, load = vector(dim, scalar), records(dim, scalar).load
-    Vectors = wp.array(dtype=V)
-
-    @wp.func
-    def measured_force(
-        scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int, mask: wp.uint8
-    ) -> V:
-        f = V()
-        if (mask & wp.uint8(wp.static(effect_mask))) != wp.uint8(0):
-            f = force(scene, compensation, x, v, i, mask)
-            v_i = load(v, i)
-            done = scene.worked.weight[scene.stage] * wp.float64(wp.dot(f, v_i))
-            if scene.worked.weight_of_last[scene.stage] > wp.float64(0.0):
-                done += scene.worked.weight_of_last[scene.stage] * wp.float64(wp.dot(scene.worked.last[i], v_i))
-                scene.worked.last[i] = f
-            scene.worked.done[i] = scene.worked.done[i] + done
-        return f
-
-    return measured_force
 
 
 @functools.cache

@@ -10,8 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..basis import kernel, vector
-from ..compensation import state_types
-from ..effect import ForceTerm
+from ..effect import ElementForce, ForceTerm, instant
 from ..records import records
 from .force_algorithm import difference, velocity_of
 from .law import TINY
@@ -58,7 +57,7 @@ def bending_force(dim: int, scalar: type):
 @functools.cache
 def angle_forces(dim: int, scalar: type, compensated: bool, damped: bool) -> ForceTerm:
     """Return the term of angles: the sum of angles' forces on a particle."""
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    V, Instant = vector(dim, scalar), instant(dim, scalar, compensated)
     load, separation = records(dim, scalar).load, difference(dim, scalar, compensated)
     bend, velocity = bending_force(dim, scalar), velocity_of(dim, scalar, damped)
 
@@ -71,47 +70,42 @@ def angle_forces(dim: int, scalar: type, compensated: bool, damped: bool) -> For
         stiffness: wp.array(dtype=scalar)  # K [N m]
         damping: wp.array(dtype=scalar)  # D [N m s]
 
-    def force(SceneData: Any):
-        @wp.func
-        def bent(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            total = V()
-            for n in range(scene.angles.first[i], scene.angles.first[i + 1]):
-                angle = scene.angles.entry[n] / 3
-                place = scene.angles.entry[n] % 3
-                three = scene.angles.particles[angle]
-                e = separation(compensation, x, load(x, three[1]), three[1], three[0])
-                f = separation(compensation, x, load(x, three[2]), three[2], three[1])
-                ve = velocity(v, three[1]) - velocity(v, three[0])
-                vf = velocity(v, three[2]) - velocity(v, three[1])
-                on_a, on_c = bend(e, f, ve, vf, scene.angles.stiffness[angle], scene.angles.damping[angle])
-                if place == 0:
-                    total += on_a
-                elif place == 2:
-                    total += on_c
-                else:
-                    total -= on_a + on_c
-            return total
+    @wp.func
+    def bent(data: AngleTable, now: Instant, i: int) -> V:
+        total = V()
+        for n in range(data.first[i], data.first[i + 1]):
+            angle = data.entry[n] / 3
+            place = data.entry[n] % 3
+            three = data.particles[angle]
+            e = separation(now.compensation, now.x, load(now.x, three[1]), three[1], three[0])
+            f = separation(now.compensation, now.x, load(now.x, three[2]), three[2], three[1])
+            ve = velocity(now.v, three[1]) - velocity(now.v, three[0])
+            vf = velocity(now.v, three[2]) - velocity(now.v, three[1])
+            on_a, on_c = bend(e, f, ve, vf, data.stiffness[angle], data.damping[angle])
+            if place == 0:
+                total += on_a
+            elif place == 2:
+                total += on_c
+            else:
+                total -= on_a + on_c
+        return total
 
-        return bent
-
-    return ForceTerm("angles", AngleTable, force=force, selective=True)
+    return ForceTerm("angles", AngleTable, force=bent, selective=True)
 
 
 @functools.cache
-def angle_projection(dim: int, scalar: type, AngleTable: Any):
-    """Compose φ·F of an angle, for `adjoint.elements`."""
+def angle_law(dim: int, scalar: type, AngleTable: Any):
+    """Compose the law of an angle: φ·F, for `adjoint.elements`."""
     bend = bending_force(dim, scalar)
     Rows: Any = wp.types.matrix((3, dim), scalar)
 
     @wp.func
-    def projected(
-        angles: AngleTable, n: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
-    ) -> scalar:
+    def projected(angles: AngleTable, n: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
         stiffness, damping = angles.stiffness[n], angles.damping[n]
         on_a, on_c = bend(x[1] - x[0], x[2] - x[1], v[1] - v[0], v[2] - v[1], stiffness, damping)
         return wp.dot(on_a, phi[0] - phi[1]) + wp.dot(on_c, phi[2] - phi[1])
 
-    return projected
+    return ElementForce(projected=projected, points=3)
 
 
 @functools.cache

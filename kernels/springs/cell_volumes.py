@@ -21,7 +21,7 @@ import warp as wp
 
 from ..basis import kernel, vector
 from ..compensation import state_types
-from ..effect import ForceTerm
+from ..effect import ElementForce, ForceTerm, instant
 from ..records import records
 from .cell_geometry import cell_geometry
 from .force_algorithm import difference
@@ -151,7 +151,7 @@ def cell_volumes(
     """
     V, Vectors, Compensation = state_types(dim, scalar, compensated)
     CellTable: Any = cell_table(scalar)
-    exert = cell_force(dim, scalar, compensated, solid, flat, damped)
+    exert, Instant = cell_force(dim, scalar, compensated, solid, flat, damped), instant(dim, scalar, compensated)
 
     @wp.struct
     class Corners:
@@ -160,28 +160,23 @@ def cell_volumes(
         entry: wp.array(dtype=int)  # entries of `force` on each particle, shape [any]
         force: wp.array(dtype=V)  # on corner k of cell c at k · cell_count + c [N], for all worlds
 
-    def force(SceneData: Any):
-        @wp.func
-        def sum_over_corners(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            total = V()
-            for e in range(scene.cells.first[i], scene.cells.first[i + 1]):
-                total += scene.cells.force[scene.cells.entry[e]]
-            return total
+    @wp.func
+    def sum_over_corners(data: Corners, now: Instant, i: int) -> V:
+        total = V()
+        for e in range(data.first[i], data.first[i + 1]):
+            total += data.force[data.entry[e]]
+        return total
 
-        return sum_over_corners
+    @wp.func
+    def cell_count(data: Corners) -> int:
+        return data.cells.corners.shape[0]
 
-    def parts(SceneData: Any):
-        @wp.func
-        def cell_count(scene: SceneData) -> int:
-            return scene.cells.cells.corners.shape[0]
+    @wp.func
+    def exert_on_corners(data: Corners, compensation: Compensation, x: Vectors, v: Vectors, c: int):
+        exert(data.cells, compensation, x, v, 0, c, data.force, c)
 
-        @wp.func
-        def exert_on_corners(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
-            exert(scene.cells.cells, compensation, x, v, 0, c, scene.cells.force, c)
-
-        return cell_count, exert_on_corners
-
-    return ForceTerm("cells", Corners, force=force, parts=parts, selective=not everywhere)
+    parts = cell_count, exert_on_corners
+    return ForceTerm("cells", Corners, force=sum_over_corners, parts=parts, selective=not everywhere)
 
 
 @functools.cache
@@ -213,16 +208,14 @@ def cell_forces(dim: int, scalar: type, compensated: bool, solid: bool, flat: bo
 
 
 @functools.cache
-def cell_projection(dim: int, scalar: type, solid: bool, flat: bool, damped: bool):
-    """Compose φ·F of a cell, for `adjoint.elements`."""
+def cell_law(dim: int, scalar: type, solid: bool, flat: bool, damped: bool):
+    """Compose the law of a cell: φ·F, for `adjoint.elements`."""
     CellTable: Any = cell_table(scalar)
     Rows, geometry, _turning = cell_geometry(dim, scalar, solid, flat)
     pressure_of, corners = cell_pressure(scalar, damped), 8 if solid else 4
 
     @wp.func
-    def projected(
-        cells: CellTable, c: int, i: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows
-    ) -> scalar:
+    def projected(cells: CellTable, c: int, time: scalar, stage: int, x: Rows, v: Rows, phi: Rows) -> scalar:
         is_flat = cells.corners[c, wp.static(corners - 1)] < 0 or wp.static(not solid)
         points = Rows()
         for k in range(wp.static(corners)):
@@ -235,7 +228,7 @@ def cell_projection(dim: int, scalar: type, solid: bool, flat: bool, damped: boo
             along += wp.dot(phi[k], gradient[k])
         return -pressure_of(cells, c, volume, rate) * along
 
-    return projected
+    return ElementForce(projected=projected, points=corners)
 
 
 @functools.cache

@@ -1,12 +1,11 @@
 """Ties: springs in no lattice direction, such as between joined bodies, in a small table beside the stencil."""
 
 import functools
-from typing import Any
 
 import warp as wp
 
-from ..compensation import state_types
-from ..effect import ForceTerm
+from ..basis import vector
+from ..effect import ForceTerm, instant
 from ..records import records
 from .dampers import law_numbers
 from .force_algorithm import difference, velocity_of
@@ -21,7 +20,7 @@ def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTer
     Ties obey the law of all springs. Each tie is in the table twice, once for each end, and both ends compute
     opposite forces of equal size.
     """
-    V, Vectors, Compensation = state_types(dim, scalar, compensated)
+    V, Instant = vector(dim, scalar), instant(dim, scalar, compensated)
     load, velocity = records(dim, scalar).load, velocity_of(dim, scalar, laws.damper is not None)
     separation, density = difference(dim, scalar, compensated), spring_damper(dim, scalar, laws)
 
@@ -36,23 +35,20 @@ def tie_force(dim: int, scalar: type, compensated: bool, laws: Laws) -> ForceTer
         if not laws.linear:
             law: law_numbers(scalar)
 
-    def force(SceneData: Any):
-        @wp.func
-        def tied(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            x_i = load(x, i)
-            total = V()
-            for e in range(scene.ties.first[i], scene.ties.first[i + 1]):
-                j = scene.ties.other[e]
-                dx = separation(compensation, x, x_i, i, j)
-                dv = velocity(v, i) - velocity(v, j)
-                own = scene.ties
-                if wp.static(laws.linear):
-                    q = density(dx, dv, own.rest_length[e], own.stiffness[e], own.damping[e])
-                else:
-                    q = density(dx, dv, own.rest_length[e], own.stiffness[e], own.damping[e], own.law)
-                total -= q * dx
-            return total
+    @wp.func
+    def tied(data: ExtraSprings, now: Instant, i: int) -> V:
+        x_i = load(now.x, i)
+        total = V()
+        for e in range(data.first[i], data.first[i + 1]):
+            j = data.other[e]
+            dx = separation(now.compensation, now.x, x_i, i, j)
+            dv = velocity(now.v, i) - velocity(now.v, j)
+            own = data
+            if wp.static(laws.linear):
+                q = density(dx, dv, own.rest_length[e], own.stiffness[e], own.damping[e])
+            else:
+                q = density(dx, dv, own.rest_length[e], own.stiffness[e], own.damping[e], own.law)
+            total -= q * dx
+        return total
 
-        return tied
-
-    return ForceTerm("ties", ExtraSprings, force=force, selective=True)
+    return ForceTerm("ties", ExtraSprings, force=tied, selective=True)

@@ -15,7 +15,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..compensation import state_types
-from ..effect import ForceTerm
+from ..effect import ForceTerm, instant
 from ..records import records
 from .cell_geometry import cell_geometry
 from .cell_volumes import cell_pressure, cell_table
@@ -91,56 +91,51 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
     V, Vectors, Compensation = state_types(3, scalar, compensated)
     Cells: Any = lattice_cells(scalar)
     load, separation = records(3, scalar).load, difference(3, scalar, compensated)
-    find_pressure = lattice_pressure(scalar, compensated, damped)
+    find_pressure, Instant = lattice_pressure(scalar, compensated, damped), instant(3, scalar, compensated)
     Six = wp.types.matrix((6, 3), scalar)
     zero = scalar(0.0)
 
-    def force(SceneData: Any):
-        @wp.func
-        def sum_over_faces(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, i: int) -> V:
-            steps = scene.cells.steps
-            last = scene.inverse_mass.shape[0] - 1
-            at = scene.cells.margin + i
-            near = Six()  # entries of missing neighbours are not used by any face
-            for k in range(6):
-                j = wp.clamp(i + (1 - 2 * (k % 2)) * steps[k / 2], 0, last)
-                near[k] = separation(compensation, x, load(x, j), j, i)
-            total = V()
-            for axis in range(3):
-                u = steps[axis]
-                w = steps[(axis + 1) % 3]
-                across = steps[(axis + 2) % 3]
-                for k in range(4):
-                    below = at - across
-                    if k % 2 == 1:
-                        below -= u
-                    if k / 2 == 1:
-                        below -= w
-                    jump = scene.cells.pressure[below + across] - scene.cells.pressure[below]
-                    if jump != zero:
-                        a = near[2 * axis + k % 2]
-                        b = near[2 * ((axis + 1) % 3) + k / 2]
-                        j = i + (1 - 2 * (k % 2)) * u + (1 - 2 * (k / 2)) * w
-                        corner = separation(compensation, x, load(x, j), j, i)
-                        if k == 1 or k == 2:  # clockwise corners
-                            jump = -jump
-                        total += jump * (wp.cross(a, corner + b) + wp.cross(corner, b))
-            return total / scalar(12.0)
+    @wp.func
+    def sum_over_faces(data: Cells, now: Instant, i: int) -> V:
+        steps = data.steps
+        last = now.inverse_mass.shape[0] - 1
+        at = data.margin + i
+        near = Six()  # entries of missing neighbours are not used by any face
+        for k in range(6):
+            j = wp.clamp(i + (1 - 2 * (k % 2)) * steps[k / 2], 0, last)
+            near[k] = separation(now.compensation, now.x, load(now.x, j), j, i)
+        total = V()
+        for axis in range(3):
+            u = steps[axis]
+            w = steps[(axis + 1) % 3]
+            across = steps[(axis + 2) % 3]
+            for k in range(4):
+                below = at - across
+                if k % 2 == 1:
+                    below -= u
+                if k / 2 == 1:
+                    below -= w
+                jump = data.pressure[below + across] - data.pressure[below]
+                if jump != zero:
+                    a = near[2 * axis + k % 2]
+                    b = near[2 * ((axis + 1) % 3) + k / 2]
+                    j = i + (1 - 2 * (k % 2)) * u + (1 - 2 * (k / 2)) * w
+                    corner = separation(now.compensation, now.x, load(now.x, j), j, i)
+                    if k == 1 or k == 2:  # clockwise corners
+                        jump = -jump
+                    total += jump * (wp.cross(a, corner + b) + wp.cross(corner, b))
+        return total / scalar(12.0)
 
-        return sum_over_faces
+    @wp.func
+    def cell_count(data: Cells) -> int:
+        return data.lower.shape[0]
 
-    def parts(SceneData: Any):
-        @wp.func
-        def cell_count(scene: SceneData) -> int:
-            return scene.cells.lower.shape[0]
+    @wp.func
+    def find_own_pressure(data: Cells, compensation: Compensation, x: Vectors, v: Vectors, c: int):
+        find_pressure(data, compensation, x, v, 0, c, 0)
 
-        @wp.func
-        def find_own_pressure(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
-            find_pressure(scene.cells, compensation, x, v, 0, c, 0)
-
-        return cell_count, find_own_pressure
-
-    return ForceTerm("cells", Cells, force=force, parts=parts, selective=not everywhere)
+    parts = cell_count, find_own_pressure
+    return ForceTerm("cells", Cells, force=sum_over_faces, parts=parts, selective=not everywhere)
 
 
 @functools.cache

@@ -1,7 +1,6 @@
 """Springs that deform permanently: the rest length follows strain beyond the yield strain."""
 
 import functools
-from typing import Any
 
 import warp as wp
 
@@ -62,14 +61,5 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
 @functools.cache
 def yielding(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the term of plasticity: each spring flows at a substep's start."""
-    _, Vectors, Compensation = state_types(dim, scalar, compensated)
     Flow, flow = plastic_flow(dim, scalar, compensated)
-
-    def begin(SceneData: Any):
-        @wp.func
-        def yield_connection(scene: SceneData, compensation: Compensation, x: Vectors, c: int):
-            flow(scene.flow, compensation, x, c)
-
-        return yield_connection
-
-    return ForceTerm("flow", Flow, begin=begin)
+    return ForceTerm("flow", Flow, begin=flow)

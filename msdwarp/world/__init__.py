@@ -6,7 +6,7 @@ from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .contact import Contact, with_contact
 from .drives import Driven, PrescribedMotion, bound, driven_particles
 from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
-from .loads import Force, Load, check_loads, differ_in_values, is_device_function
+from .loads import ElementLoad, Force, Load, check_loads, differ_in_values, is_device_function
 from .look import FINISHES, Look, Reflectance, Viewpoint
 from .motion import Motion, displacement_and_turn, poses
 from .pressure import EnclosedGas, Pressure, volume

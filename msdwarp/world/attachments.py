@@ -41,6 +41,7 @@ class Attachment(Load):
         distance.
     """
 
+    of_start = True
     on: Any = None
     to: Any = None
     carried_by: Collider | None = field(default=None, kw_only=True)

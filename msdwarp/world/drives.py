@@ -30,6 +30,7 @@ class PrescribedMotion(Load):
         Centre of the rotation [m], shape [d]; by default the centre of mass of the particles at the start.
     """
 
+    of_start = True
     on: Any = None
     motion: Motion | None = None
     about: Any = None

@@ -1,7 +1,8 @@
 """Loads: external actions on a system, besides gravity and obstacles.
 
-A `Force` with a `wp.func` needs no new class. Any other new load needs an effect in `engine/loads`, and a line in
-`EFFECTS` of `engine/stepping/assemble.py`; without an effect the load has no force, and there is no message.
+A `Force` with a `wp.func` needs no new class, an `ElementLoad` no effect. Any other new load needs an effect in
+`engine/loads`, and a line in `EFFECTS` of `engine/stepping/assemble.py`; without them it has no force, and nobody
+is told.
 """
 
 from collections.abc import Sequence
@@ -31,6 +32,8 @@ class Load:
     """Argument of a scene under which the load is given."""
     constant: ClassVar[tuple[str, ...]] = ()
     """Fields in which a load must equal one that replaces it between frames; if empty, none can replace it."""
+    of_start: ClassVar[bool] = False
+    """Whether `bound` takes values from the positions of the start, which worlds must then share."""
 
     def __repr__(self) -> str:
         required, others = [], []
@@ -58,6 +61,20 @@ class Load:
     def bound(self, system: System) -> "Load":
         """Return the load with values computed that depend on the initial state, such as points or a volume."""
         return self
+
+
+class ElementLoad(Load):
+    """A load whose force is a sum over elements of a few particles, such as pairs.
+
+    The file in `kernels/loads` that is named as that of the class has `evaluate`, see `kernels/loads/elements.py`.
+    """
+
+    stores: ClassVar[bool] = True
+    """Whether the force is that of the energy that `evaluate` returns; else its work is external."""
+
+    def elements(self, system: System) -> tuple[NDArray[np.integer], NDArray[np.float64]]:
+        """Return the particles of each element, shape [element_count, k], and its numbers, [element_count, n]."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -77,6 +77,7 @@ class EnclosedGas(Pressed):
         If a number is out of range, or the surface is not closed, or encloses nothing.
     """
 
+    of_start = True
     pressure: float
     outside: float = 101_325.0
     exponent: float = 1.0

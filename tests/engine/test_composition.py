@@ -177,7 +177,7 @@ KINDS_ALONE = ["plane", "sphere", "box", "capsule", "cone"]
 @pytest.mark.parametrize(
     ("changes", "colliders", "more"),
     [
-        ({"yield_strain": 0.1}, [], {"Flow", "flow", "yield_connection"}),
+        ({"yield_strain": 0.1}, [], {"Flow", "flow", "begin_all", "data_of_effect", "take_data"}),
         ({"damper": QuadraticDamper()}, [], {"force"}),
         ({"damper": CoulombDamper()}, [], {"force"}),
         ({}, [Plane()], FIXED | {"plane"}),

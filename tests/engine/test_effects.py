@@ -16,8 +16,7 @@ from msdwarp.engine.stepping import assemble as effects
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
-from msdwarp.kernels.compensation import compensated_sum
-from msdwarp.kernels.effect import ForceTerm
+from msdwarp.kernels.effect import ForceTerm, instant
 
 K = 36.0
 """Stiffness of the anchors [N/m]."""
@@ -26,24 +25,18 @@ K = 36.0
 @functools.cache
 def anchored(dim: int, scalar: type, compensated: bool) -> ForceTerm:
     """Return the device side of anchors: a spring from every particle to a place of its own."""
-    V = vector(dim, scalar)
-    Compensation, _ = compensated_sum(dim, scalar, compensated)
+    V, Instant = vector(dim, scalar), instant(dim, scalar, compensated)
 
     @wp.struct
     class Anchors:
         stiffness: scalar
         place: wp.array(dtype=V)
 
-    def force(SceneData):
-        @wp.func
-        def pull(
-            scene: SceneData, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V), i: int
-        ) -> V:
-            return scene.anchors.stiffness * (scene.anchors.place[i] - x[i])
+    @wp.func
+    def pull(data: Anchors, now: Instant, i: int) -> V:
+        return data.stiffness * (data.place[i] - now.x[i])
 
-        return pull
-
-    return ForceTerm("anchors", Anchors, force=force)
+    return ForceTerm("anchors", Anchors, force=pull)
 
 
 class Anchors(Effect):

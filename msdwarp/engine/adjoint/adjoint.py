@@ -101,8 +101,8 @@ class Adjoint:
         for effect in assembly.all:
             elements = effect.elements()
             if elements is not None:
-                own = elements.numbers
-                sums = None if own is None else self._sums_of(effect, names, own.group, own.width)
+                group, width = elements.group, elements.law.width
+                sums = None if group is None else self._sums_of(effect, names, group, width)
                 if elements.of_motion or sums is not None:
                     of_velocity = getattr(effect.piece, "at_velocity", None) is not None
                     self._elements.append((ElementAdjoints(model, elements, *about, sums), of_velocity))

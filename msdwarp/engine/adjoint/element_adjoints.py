@@ -44,7 +44,7 @@ class ElementAdjoints:
     ) -> None:
         device, scalar, vertices = model.device, model.scalar, elements.vertices
         self._elements, self._time, self._launch, self._launch_once = elements, time, launch, launch_once
-        (count, size), worlds, stride = elements.points.shape, model.worlds, model.stride
+        count, worlds, stride = len(elements.points), model.worlds, model.stride
         self._count = worlds * count
         self._apart = [self._count if elements.of_all_worlds else count, stride]
         points = elements.points.ravel()
@@ -66,11 +66,9 @@ class ElementAdjoints:
         ]
         self._table.append(wp.array(weight[row, column][order], dtype=scalar, device=device))
         self._by = [wp.zeros(len(particle), dtype=model.vector, device=device) for _ in range(2)]
-        own, wanted = elements.numbers, sums is not None
         self._by_numbers = sums.each if sums else wp.zeros((0, 1), dtype=scalar, device=device)
-        kinds = elements.data._cls, elements.projected
-        numbers = (own.of, own.width if wanted else 0) if own is not None else (None, 0)
-        self._lead = elements_adjoint(model.dim, scalar, size, *kinds, *numbers)
+        wanted = elements.law.width if sums else 0
+        self._lead = elements_adjoint(model.dim, scalar, elements.data._cls, elements.law, wanted)
         self._add = add_elements(model.dim, scalar)
 
     def propagate(

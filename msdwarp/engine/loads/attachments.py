@@ -12,7 +12,7 @@ from ...world import Attachment, Load, MouseSpring, poses
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..device.frame_tables import Tables
-from ..model.effect import Elements, Numbers, Parameter, summed
+from ..model.effect import Elements, Parameter, summed
 from ..model.model import Model
 from ..model.stage_tables import FrameTables, exchanged
 
@@ -44,7 +44,7 @@ class AttachmentSprings(FrameTables):
             (f"{name}.carried_by", one.motion, one.centre(model.dim)) for name, one in self._carriers
         ]
         self._damped = bool(self._hands) or any(one.damping for one in several)
-        self._composed = attachments(
+        piece, self._law, self._blocks, self._measure = attachments(
             model.dim,
             model.scalar,
             model.compensated,
@@ -52,9 +52,9 @@ class AttachmentSprings(FrameTables):
             damped=self._damped,
             stretched=any(one.rest_length.any() for one in several),
         )
-        self.piece = self._composed.piece
-        model.kernels.note(self._composed.add_blocks, self._composed.measure)
-        data = self.data = self.piece.Data()
+        model.kernels.note(self._blocks, self._measure)
+        data = piece.Data()
+        self.piece, self.data = piece, data
         # A mouse spring may hold any particles, up to its capacity.
         held = [one.particles(model.system) for one in several]
         self.members = np.any(held, axis=0) if not self._hands else np.ones(model.particle_count, dtype=bool)
@@ -167,7 +167,7 @@ class AttachmentSprings(FrameTables):
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half of each attachment's stiffness and damping to the blocks, which the stability bound doubles."""
         outputs, threads = [stiffness, damping], self._member_count
-        wp.launch(self._composed.add_blocks, threads, [self.data], outputs, device=self._model.device)
+        wp.launch(self._blocks, threads, [self.data], outputs, device=self._model.device)
 
     def elements(self) -> Elements | None:
         """Return the attachments as elements, for gradients; None if there are mouse springs."""
@@ -175,8 +175,7 @@ class AttachmentSprings(FrameTables):
             return None
         first = self.data.first.numpy()
         particle = np.repeat(np.arange(len(first) - 1), np.diff(first))
-        numbers = Numbers(np.arange(len(particle)), 3 + self._model.dim, self._composed.numbers)
-        return Elements(self.data, self._composed.projected, particle[:, None], numbers=numbers)
+        return Elements(self.data, self._law, particle[:, None], group=np.arange(len(particle)))
 
     def parameters(self) -> dict[str, Parameter]:
         """Return the parameters of each attachment, in the order of its particles' indices, for gradients."""
@@ -198,4 +197,4 @@ class AttachmentSprings(FrameTables):
         """
         row = self.data.shift.shape[0] - 1 if self._moving else 0
         inputs = [self.data, row, x, v, self._model.stride]
-        return summed(self._model, self._composed.measure, self._member_count, inputs)
+        return summed(self._model, self._measure, self._member_count, inputs)

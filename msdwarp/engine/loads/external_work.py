@@ -62,7 +62,7 @@ class Work(Effect):
         self.before = np.zeros(model.worlds)
         """Term added to each world's sums [J]: −f·x of steady forces at the start, plus earlier work."""
         if steady is not None:
-            self._combination, self._steady = steady.data.combination, steady.data.value
+            self._combination, self._steady = steady.data.combination, steady.data.value.flatten()
             forces = steady.sums[self._combination.numpy()]
             rows = model.row_of("position")
             self.before -= (forces * rows).sum(axis=(1, 2))[np.arange(model.worlds) % len(rows)]

@@ -11,16 +11,13 @@ from ...bodies import check_types
 from ...kernels.loads.forces import (
     add_function_slopes,
     function_force,
-    function_projection,
     function_values,
-    given_force_projection,
-    steady_force,
-    varying_force,
+    given_force,
     weight_force,
 )
 from ...world import Falling, Force, Load
 from ..device.device import upload_fields
-from ..model.effect import Effect, Elements, Numbers, Parameter
+from ..model.effect import Effect, Elements, Parameter
 from ..model.model import Model
 from ..model.stage_tables import MOST_LOOKED_AT, StageTables, exchanged
 
@@ -56,78 +53,60 @@ def combinations(model: Model, forces: Named) -> tuple[NDArray[np.float64], NDAr
     return kinds / np.array(sharing, dtype=np.float64), combination.ravel()
 
 
-def _particles_with(model: Model, data: Any, varies: bool) -> Elements:
-    """Return the particles with given forces as elements for gradients, grouped by combination of forces."""
-    project, numbers = given_force_projection(model.dim, model.scalar, data._cls, varies)
-    combination = data.combination.numpy()
-    particle = np.flatnonzero(combination)
-    own = Numbers(combination[particle], model.dim, numbers)
-    return Elements(data, project, particle[:, None], numbers=own, of_motion=False)
+class GivenForces(Effect):
+    """Common base of constant forces and forces that are functions of time."""
+
+    def __init__(self, model: Model, forces: Named, varies: bool) -> None:
+        piece, self._law = given_force(model.dim, model.scalar, model.compensated, varies)
+        self.piece, self.data, self._model, self.named = piece, piece.Data(), model, forces
+        self._shares, self._combination = combinations(model, forces)
+        self.members = self._combination > 0
+        upload_fields(self.data, model.device, combination=self._combination)
+
+    def elements(self) -> Elements:
+        """Return the particles that the forces act on, as elements for gradients, grouped by combination."""
+        particle = np.flatnonzero(self._combination)
+        group = self._combination[particle]
+        return Elements(self.data, self._law, particle[:, None], group=group, of_motion=False)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Return the forces as parameters, for gradients, which convert derivatives by those of combinations."""
+        return {
+            name: Parameter(lambda sums, share=share: share @ sums, one.varies)
+            for (name, one), share in zip(self.named, self._shares.T, strict=True)
+        }
 
 
-def _forces(named: Named, shares: NDArray[np.float64], varies: bool) -> dict[str, Parameter]:
-    """Return parameters that convert derivatives by the forces of combinations into derivatives by each force."""
-    return {
-        name: Parameter(lambda sums, share=share: share @ sums, varies)
-        for (name, _), share in zip(named, shares.T, strict=True)
-    }
-
-
-class Steady(Effect):
+class Steady(GivenForces):
     """Constant forces."""
 
     def __init__(self, model: Model, forces: Named) -> None:
-        self.piece = steady_force(model.dim, model.scalar, model.compensated)
-        self.data = self.piece.Data()
-        shares, combination = combinations(model, forces)
-        self.members = combination > 0
-        self._model, self._forces, self._shares = model, forces, shares
+        super().__init__(model, forces, varies=False)
         self.sums = self._of(forces)
         """The force on the particles of each combination [N], shape [combination_count, d]."""
-        upload_fields(self.data, model.device, value=self.sums, combination=combination)
+        upload_fields(self.data, model.device, value=self.sums[None])
 
     def _of(self, forces: Named) -> NDArray[np.float64]:
         """Return the force of each combination [N]."""
         return self._shares @ np.array([one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces])
 
-    def elements(self) -> Elements:
-        """Return the particles that the forces act on, as elements for gradients."""
-        return _particles_with(self._model, self.data, varies=False)
-
-    def parameters(self) -> dict[str, Parameter]:
-        """Return the forces as parameters, for gradients."""
-        return _forces(self._forces, self._shares, varies=False)
-
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Replace forces by other forces on the same particles."""
-        forces = exchanged(self._forces, others)
-        self.sums, self._forces = self._of(forces), forces
-        self.data.value.assign(self.sums)
+        forces = exchanged(self.named, others)
+        self.sums, self.named = self._of(forces), forces
+        self.data.value.assign(self.sums[None])
 
 
-class Varying(StageTables):
+class Varying(GivenForces, StageTables):
     """Forces that are functions of time."""
 
     def __init__(self, model: Model, forces: Named) -> None:
-        self.named = forces
-        self.piece = varying_force(model.dim, model.scalar, model.compensated)
-        self.data = self.piece.Data()
-        self._shares, combination = combinations(model, forces)
-        self.members = combination > 0
-        upload_fields(self.data, model.device, combination=combination)
+        super().__init__(model, forces, varies=True)
         self.set_up(model, len(self._shares), model.vector, varies=True)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force of each combination at each time [N], shape [time_count, combination_count, d]."""
         return self._shares @ super().at(times)
-
-    def elements(self) -> Elements:
-        """Return the particles that the forces act on, as elements for gradients."""
-        return _particles_with(self._model, self.data, varies=True)
-
-    def parameters(self) -> dict[str, Parameter]:
-        """Return the forces as parameters, for gradients."""
-        return _forces(self.named, self._shares, varies=True)
 
 
 class Weight(StageTables):
@@ -149,11 +128,10 @@ class ForceField(Effect):
         kinds = {"x": model.vector, "v": model.vector, "t": model.scalar, "i": wp.int32}
         used = check_types(name, force.force, kinds, model.vector)
         own = force.force, number, "v" in used
-        self.piece = function_force(model.dim, model.scalar, model.compensated, *own)
+        piece, self._law = function_force(model.dim, model.scalar, model.compensated, *own)
         self._name, self.timed = name, "t" in used
         self._values = function_values(model.dim, model.scalar, force.force)
-        self._projected = function_projection(model.dim, model.scalar, force.force)
-        self.data, self.members = self.piece.Data(), force.particles(model.system)
+        self.piece, self.data, self.members = piece, piece.Data(), force.particles(model.system)
         self._model, self._time, self._on = model, 0.0, np.flatnonzero(self.members)
         self._slopes = add_function_slopes(model.dim, model.scalar, force.force)
         model.kernels.note(self._slopes, *([self._values] if self.timed else []))
@@ -187,4 +165,4 @@ class ForceField(Effect):
 
     def elements(self) -> Elements:
         """Return the particles that the force acts on, as elements for gradients."""
-        return Elements(self.data, self._projected, self._on[:, None])
+        return Elements(self.data, self._law, self._on[:, None])

@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.loads.pressure import gas_adjoint, gas_law, gas_pressure, given_pressure, given_projection
+from ...kernels.loads.pressure import gas_adjoint, gas_law, pressure
 from ...world import EnclosedGas, Load, Pressure, volume
 from ..device.device import upload_fields
-from ..model.effect import Effect, Elements, Numbers, Parameter
+from ..model.effect import Effect, Elements, Parameter
 from ..model.model import Model
 from ..model.stage_tables import StageTables
 from .surface_triangles import EmbeddedVertices, Faces, area_vectors
@@ -26,19 +26,26 @@ def pressures_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices
     """
     given = [(f"loads[{k}].pressure", one) for k, one in enumerate(loads) if isinstance(one, Pressure)]
     gases = [(f"loads[{k}]", one) for k, one in enumerate(loads) if isinstance(one, EnclosedGas)]
-    effects: list[Effect] = [GivenPressures(model, given)] if given else []
+    effects: list[Effect] = [GivenPressures(model, given, vertices)] if given else []
     return effects + ([Gases(model, gases, vertices)] if gases else [])
 
 
 class SurfacePressure(Effect):
     """Common base of given pressures and gases: the triangles under pressure."""
 
-    def __init__(self, model: Model, pressures: Sequence[Pressure | EnclosedGas], compose: Any) -> None:
-        self._model = model
+    def __init__(
+        self,
+        model: Model,
+        pressures: Sequence[Pressure | EnclosedGas],
+        vertices: EmbeddedVertices | None,
+        gas: bool,
+    ) -> None:
+        self._model, self._vertices = model, vertices
         faces = self._faces = Faces([one.facets(model.system) for one in pressures], model.particle_count)
-        self.piece = piece = compose(model.dim, model.scalar, model.compensated, faces.mixed)
-        self.data = piece.Data()
-        self.data.faces = faces.on(model, type(self.data.faces))
+        kinds = model.dim, model.scalar, model.compensated
+        piece, self._law = pressure(*kinds, mixed=faces.mixed, gas=gas)
+        self.piece, self.data = piece, piece.Data()
+        self.data.faces, self.by_world = faces.on(model, vertices)
         upload_fields(self.data, model.device, of=faces.of)
         self.members = faces.members()
 
@@ -62,8 +69,10 @@ class SurfacePressure(Effect):
 class GivenPressures(SurfacePressure, StageTables):
     """Pressures that are given, as numbers or as functions of time."""
 
-    def __init__(self, model: Model, named: Sequence[tuple[str, Pressure]]) -> None:
-        super().__init__(model, [one for _, one in named], given_pressure)
+    def __init__(
+        self, model: Model, named: Sequence[tuple[str, Pressure]], vertices: EmbeddedVertices | None
+    ) -> None:
+        super().__init__(model, [one for _, one in named], vertices, gas=False)
         self.named = named
         self.set_up(model, len(named), model.scalar, varies=any(callable(one.pressure) for _, one in named))
 
@@ -73,10 +82,7 @@ class GivenPressures(SurfacePressure, StageTables):
 
     def elements(self) -> Elements:
         """Return the triangles as elements, for gradients."""
-        model, faces = self._model, self._faces
-        project, numbers = given_projection(model.dim, model.scalar, self.data._cls)
-        numbers = Numbers(faces.of, 1, numbers)
-        return Elements(self.data, project, faces.corner, faces.facets, numbers=numbers)
+        return Elements(self.data, self._law, self._faces.corner, self._faces.facets, group=self._faces.of)
 
     def parameters(self) -> dict[str, Parameter]:
         """Return the pressures as parameters, for gradients."""
@@ -97,12 +103,12 @@ class Gases(SurfacePressure):
         self, model: Model, named: Sequence[tuple[str, EnclosedGas]], vertices: EmbeddedVertices | None
     ) -> None:
         gases = self._gases = [one for _, one in named]
-        super().__init__(model, gases, gas_pressure)
-        self._names, self._vertices = [name for name, _ in named], vertices
+        super().__init__(model, gases, vertices, gas=True)
+        self._names = [name for name, _ in named]
         self._law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
         model.kernels.note(self._law, block=THREADS)
         self.data.value = wp.zeros((model.worlds, len(gases)), dtype=model.scalar, device=model.device)
-        self.by_world = ("value",)
+        self.by_world = (*self.by_world, "value")
         numbers = [(one.pressure + one.outside, one.outside, one.volume, one.exponent) for one in gases]
         self._numbers = wp.array(numbers, dtype=wp.vec4d, device=model.device)
         self._ends = wp.array(self._faces.ends, dtype=int, device=model.device)
@@ -112,7 +118,7 @@ class Gases(SurfacePressure):
         model, threads = self._model, THREADS if self._model.device.is_cuda else 1
         stride = model.stride
         if self._vertices is not None:
-            x = self._vertices.data.x
+            x = self._vertices.x
             stride = len(x) // model.worlds
         inputs = [self.data.faces.corner, self._ends, self._numbers, x, compensation.x, stride]
         count, out = model.worlds * len(self._gases) * threads, [self.data.value]
@@ -123,7 +129,7 @@ class Gases(SurfacePressure):
         model, faces, worlds = self._model, self._faces, self._model.worlds
         each, count = np.arange(worlds)[:, None], worlds * len(self._gases)
         of, ends = faces.of + len(self._gases) * each, faces.ends[:-1] + faces.ends[-1] * each
-        Data, project, kernel = gas_adjoint(model.dim, model.scalar)
+        Data, law, kernel = gas_adjoint(model.dim, model.scalar)
         data: Any = Data()
         upload_fields(data, model.device, of=of.ravel(), over=np.zeros(count), slope=np.zeros(count))
         data.origin = wp.zeros(count, dtype=model.vector, device=model.device)
@@ -136,8 +142,8 @@ class Gases(SurfacePressure):
             inputs = [particle, weight, begin, numbers, x, phi, data, by_numbers]
             wp.launch(kernel, count * threads, inputs, device=model.device, block_dim=threads)
 
-        own = Numbers(np.arange(len(self._gases)), 4)
-        return Elements(data, project, faces.corner, faces.facets, prepare, of_all_worlds=True, numbers=own)
+        of_each = np.arange(len(self._gases))
+        return Elements(data, law, faces.corner, faces.facets, prepare, of_all_worlds=True, group=of_each)
 
     def parameters(self) -> dict[str, Parameter]:
         """Return the parameters of each gas, for gradients; values of the initial state are constants."""

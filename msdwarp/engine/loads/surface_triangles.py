@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import Facets, facets_of
-from ...kernels.loads.surface_triangles import mix_vertices, mixed_vertices
+from ...kernels.loads.surface_triangles import mix_vertices, triangles
 from ...world import EnclosedGas, Load, Pressure, Wind
 from ..device.csr import rows
 from ..device.device import upload_fields
@@ -49,8 +49,8 @@ class Faces:
         np.add.at(result, self.corner if corner is None else corner, values[:, None])
         return result
 
-    def on(self, model: Model, Struct: Any) -> Any:
-        """Return these triangles as a `Struct` made by `msdwarp.kernels.loads.surface_triangles.face`."""
+    def on(self, model: Model, vertices: "EmbeddedVertices | None") -> tuple[Any, tuple[str, ...]]:
+        """Return the struct of these triangles, and its arrays that have a part for each world."""
         triangle = np.repeat(np.arange(len(self.corner)), 3)
         particle, share = self.corner.ravel(), np.zeros(0)
         if self.mixed:  # a particle's weight in a triangle is the sum of its weights in the triangle's corners
@@ -60,10 +60,13 @@ class Faces:
             share = np.bincount(number, weights=weight[weight != 0])
             triangle, particle = np.divmod(different, self._count)
         order, first = rows(particle, self._count)
-        faces = Struct()
-        shares = {"share": share[order]} if self.mixed else {}
-        upload_fields(faces, model.device, corner=self.corner, first=first, number=triangle[order], **shares)
-        return faces
+        faces = triangles(model.dim, model.scalar, self.mixed)()
+        upload_fields(faces, model.device, corner=self.corner, first=first, number=triangle[order])
+        if vertices is None:
+            return faces, ()
+        upload_fields(faces, model.device, share=share[order])
+        faces.x, faces.v = vertices.x, vertices.v
+        return faces, ("faces.x", "faces.v")
 
 
 def area_vectors(corner: NDArray[np.int32], x: NDArray) -> NDArray[np.float64]:
@@ -84,18 +87,15 @@ class EmbeddedVertices(Effect):
     """Computes a surface's vertices before forces are evaluated; loads read vertices like particles."""
 
     def __init__(self, model: Model) -> None:
-        self._model, facets = model, facets_of(model.system)
-        self.by_world = ("x", "v")
-        self.piece = mixed_vertices(model.dim, model.scalar)
+        self._model, self.piece, facets = model, None, facets_of(model.system)
         self._mix = model.kernels.note(mix_vertices(model.dim, model.scalar, model.compensated))
         self._particle = wp.array(facets.particle, dtype=int, device=model.device)
         self._weight = wp.array(facets.weight, dtype=model.scalar, device=model.device)
-        self.data = self.piece.Data()
-        for name in ("x", "v"):
-            count = model.worlds * len(facets.particle)
-            setattr(self.data, name, wp.zeros(count, dtype=model.vector, device=model.device))
+        count = model.worlds * len(facets.particle)
+        self.x, self.v = (wp.zeros(count, dtype=model.vector, device=model.device) for _ in range(2))
+        """Positions [m] and velocities [m/s] of the vertices, of all worlds."""
 
     def before_forces(self, x: wp.array, v: wp.array, compensation: Any, begins: bool) -> None:
         """Launch the kernel that computes positions and velocities of vertices from x and v of particles."""
         inputs = [self._particle, self._weight, self._model.stride, compensation, x, v]
-        wp.launch(self._mix, len(self.data.x), inputs, [self.data], device=self._model.device)
+        wp.launch(self._mix, len(self.x), inputs, [self.x, self.v], device=self._model.device)

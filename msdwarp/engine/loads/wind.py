@@ -8,19 +8,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...bodies import check_types
-from ...kernels.loads.wind import (
-    projection_on_faces,
-    projection_on_particles,
-    velocity_of_air,
-    wind_on_faces,
-    wind_on_particles,
-)
+from ...kernels.loads.wind import velocity_of_air, wind_on_faces, wind_on_particles
 from ...world import Load, Wind
 from ..device.device import upload_fields
-from ..model.effect import Effect, Elements, Numbers, Parameter
+from ..model.effect import Effect, Elements, Parameter
 from ..model.model import Model
 from ..model.stage_tables import AHEAD, MOST_LOOKED_AT, StageTables
-from .surface_triangles import Faces, area_vectors
+from .surface_triangles import EmbeddedVertices, Faces, area_vectors
 
 AHEAD_BY_PLACE = 15
 """Wind that is a function of place is bounded at every 15th time of AHEAD: each takes all particles."""
@@ -28,12 +22,15 @@ Named = Sequence[tuple[str, Wind]]
 """Winds, each with its name in messages."""
 
 
-def winds_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
-    """Return the effects of the winds among the loads of a scene: one for surfaces, one for particles."""
+def winds_of(model: Model, loads: Sequence[Load], vertices: EmbeddedVertices | None) -> list[Effect]:
+    """Return the effects of the winds among the loads of a scene: one for surfaces, one for particles.
+
+    `vertices` is the effect of the surface's vertices, if these are weighted means of particles.
+    """
     winds = [(f"loads[{k}].velocity", one) for k, one in enumerate(loads) if isinstance(one, Wind)]
     on_faces = [(name, one) for name, one in winds if one.area is None]
     on_particles = [(name, one) for name, one in winds if one.area is not None]
-    effects: list[Effect] = [OnFaces(model, on_faces)] if on_faces else []
+    effects: list[Effect] = [OnFaces(model, on_faces, vertices)] if on_faces else []
     return effects + ([OnParticles(model, on_particles)] if on_particles else [])
 
 
@@ -53,8 +50,8 @@ class WindEffect(StageTables):
         """wp.func (x, t) -> velocity of the air [m/s]; None if the velocity is the same everywhere."""
         if function is not None:
             check_types(places[0], function, {"x": model.vector, "t": model.scalar}, model.vector)
-        self.piece = piece = compose(model.dim, model.scalar, model.compensated, function, **how)
-        self.data = piece.Data()
+        piece, self._law = compose(model.dim, model.scalar, model.compensated, function, **how)
+        self.piece, self.data = piece, piece.Data()
         for name in ("drag", "lift"):
             setattr(self.data.winds, name, wp.zeros(len(winds), dtype=model.scalar, device=model.device))
         self._take_coefficients()
@@ -128,11 +125,11 @@ class WindEffect(StageTables):
 class OnFaces(WindEffect):
     """Wind on the triangles of a surface."""
 
-    def __init__(self, model: Model, winds: Named) -> None:
+    def __init__(self, model: Model, winds: Named, vertices: EmbeddedVertices | None) -> None:
         faces = self._faces = Faces([one.facets(model.system) for _, one in winds], model.particle_count)
-        closed = self._closed = bool(faces.closed.any())
+        closed = bool(faces.closed.any())
         super().__init__(model, winds, wind_on_faces, mixed=faces.mixed, any_closed=closed)
-        self.data.faces = faces.on(model, type(self.data.faces))
+        self.data.faces, self.by_world = faces.on(model, vertices)
         upload_fields(self.data, model.device, wind=faces.of, **({"closed": faces.closed} if closed else {}))
         self.members = faces.members()
 
@@ -144,11 +141,7 @@ class OnFaces(WindEffect):
 
     def elements(self) -> Elements:
         """Return the triangles as elements, for gradients."""
-        model, faces = self._model, self._faces
-        kinds = model.dim, model.scalar, self.data._cls
-        project, numbers = projection_on_faces(*kinds, self.function, self._closed)
-        numbers = Numbers(faces.of, 2 + model.dim, numbers)
-        return Elements(self.data, project, faces.corner, faces.facets, numbers=numbers)
+        return Elements(self.data, self._law, self._faces.corner, self._faces.facets, group=self._faces.of)
 
 
 class OnParticles(WindEffect):
@@ -173,7 +166,4 @@ class OnParticles(WindEffect):
 
     def elements(self) -> Elements:
         """Return the particles as elements, for gradients."""
-        model = self._model
-        project, numbers = projection_on_particles(model.dim, model.scalar, self.data._cls, self.function)
-        numbers = Numbers(self._number[self._on], 2 + model.dim, numbers)
-        return Elements(self.data, project, self._on[:, None], numbers=numbers)
+        return Elements(self.data, self._law, self._on[:, None], group=self._number[self._on])

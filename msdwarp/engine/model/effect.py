@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...bodies import Facets
 from ...kernels.colliders.collide import ColliderTerm
-from ...kernels.effect import ForceTerm
+from ...kernels.effect import ElementForce, ForceTerm
 from ...world import Load
 from ..device.launcher import Launcher
 from .model import Model
@@ -49,24 +49,13 @@ class Steps(NamedTuple):
         return np.append(start + self.dt * stages, (round(start * self.fps) + 1) / self.fps)
 
 
-class Numbers(NamedTuple):
-    """Numbers on which the forces of elements depend, such as the pressure on a triangle, for gradients."""
-
-    group: NDArray[np.integer]
-    """The group of each element: its elements share their numbers, and derivatives are summed over it."""
-    width: int
-    """How many numbers an element has."""
-    of: Any = None
-    """wp.func that returns an element's numbers, see `elements_adjoint`; None if `prepare` adds derivatives."""
-
-
 class Elements(NamedTuple):
     """Groups of points, such as triangles under wind, whose forces depend on no other points; for gradients."""
 
     data: Any
-    """The struct that `projected` reads."""
-    projected: Any
-    """wp.func that returns φ·F of an element, see `kernels.adjoint.elements_adjoint`."""
+    """The struct that the law reads."""
+    law: ElementForce
+    """The force of an element."""
     points: NDArray[np.integer]
     """Points of each element, −1 for none, shape [element_count, k]: indices of particles or of `vertices`."""
     vertices: Facets | None = None
@@ -75,8 +64,11 @@ class Elements(NamedTuple):
     """Function (particle, weight, x, φ, by_numbers) that launches kernels before those of `elements_adjoint`."""
     of_all_worlds: bool = False
     """Whether `data` concatenates the elements of all worlds; else all worlds share it."""
-    numbers: Numbers | None = None
-    """The numbers on which the forces depend, if derivatives by these are computed."""
+    group: NDArray[np.integer] | None = None
+    """The group of each element: its elements share their numbers, and derivatives are summed over it.
+
+    None if there are no derivatives by numbers. For gases, the groups themselves; `prepare` adds derivatives.
+    """
     of_motion: bool = True
     """Whether the forces depend on the motion; else only derivatives by numbers need the elements."""
 
@@ -251,6 +243,10 @@ class Effect:
         The arrays hold the blocks A_i and B_i of `integrators.stability`, float64 matrices of shape
         [particle_count], for the particles of a world at x. The bound is twice the largest eigenvalue of block
         over mass, as for a spring between two particles. So a force that depends on only one particle adds half.
+
+        `ElementLoads` takes Warp's derivatives of its force. Others have bounds by hand, since these must hold
+        longer than the present: for the next second of a wind or a pressure, before an obstacle is touched, in the
+        directions to which a spring turns.
         """
 
     def add_resistance(self, x: wp.array, v: wp.array, damping: NDArray[np.float64]) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...kernels.springs.angles import angle_blocks, angle_energies, angle_forces, angle_projection
+from ...kernels.springs.angles import angle_blocks, angle_energies, angle_forces, angle_law
 from ..device.csr import rows
 from ..device.device import upload_fields
 from ..model.effect import Effect, Elements, summed
@@ -47,7 +47,7 @@ class AngleSprings(Effect):
 
     def elements(self) -> Elements:
         """Return the angles as elements, for gradients."""
-        return Elements(self.data, angle_projection(*self._kinds), self._particles)
+        return Elements(self.data, angle_law(*self._kinds), self._particles)
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the stored energy Σ 2 K tan²(θ/2) [J] and the dissipated power Σ D θ'² [W]."""

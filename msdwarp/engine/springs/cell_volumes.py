@@ -11,7 +11,7 @@ from ...kernels.springs.cell_volumes import (
     cell_blocks,
     cell_energies,
     cell_forces,
-    cell_projection,
+    cell_law,
     cell_table,
     cell_volumes,
 )
@@ -112,8 +112,8 @@ class CellVolumes(Effect):
     def elements(self) -> Elements:
         """Return the cells as elements, for gradients."""
         model, (solid, flat) = self._model, self._kind
-        project = cell_projection(model.dim, model.scalar, solid, flat, self._damped)
-        return Elements(self._table, project, self._corners)
+        law = cell_law(model.dim, model.scalar, solid, flat, self._damped)
+        return Elements(self._table, law, self._corners)
 
     def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the stored energy Σ V₀ w [J] and the dissipated power Σ c V̇²/V₀ [W]."""

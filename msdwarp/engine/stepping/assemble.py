@@ -16,14 +16,10 @@ from ...runtime import in_turn
 from ...world import (
     BODY_CONTACT_FORCE,
     CONTACT_FORCE,
-    Attachment,
     Collider,
     Contact,
-    Driven,
-    EnclosedGas,
     Gravity,
     Load,
-    PrescribedMotion,
     Probe,
     bound,
     check_loads,
@@ -38,6 +34,7 @@ from ..collision.surface_contact import SurfaceContact, surface_contact_of
 from ..loads.actuators import actuators_of
 from ..loads.attachments import attachments_of
 from ..loads.drives import Drives, drives_of
+from ..loads.elements import element_loads_of
 from ..loads.external_work import Work
 from ..loads.forces import Steady, forces_of_loads
 from ..loads.pressure import pressures_of
@@ -115,7 +112,7 @@ def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
     """Return the effects of wind and pressure, and before them the embedded vertices on which they act."""
     vertices = embedded_vertices_of(model, loads)
     effects: list[Effect] = [] if vertices is None else [vertices]
-    return effects + winds_of(model, loads) + pressures_of(model, loads, vertices)
+    return effects + winds_of(model, loads, vertices) + pressures_of(model, loads, vertices)
 
 
 EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]] = [
@@ -131,6 +128,7 @@ EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]]
     lambda model, around: _on_surfaces(model, around.loads),
     lambda model, around: attachments_of(model, around.loads),
     lambda model, around: actuators_of(model, around.loads),
+    lambda model, around: element_loads_of(model, around.loads),
     _body_contact,
 ]
 """A function for each kind of effect; it returns one effect, several, or None if the scene has none."""
@@ -317,7 +315,7 @@ def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> 
     for k, one in enumerate(options.get("loads", ())):
         if isinstance(one, Contact) and one.surface_colliders:
             raise ValueError("contact has surface_colliders=True, which worlds of an ensemble cannot have yet")
-        if "position" in rows and isinstance(one, Attachment | EnclosedGas | PrescribedMotion | Driven):
+        if "position" in rows and one.of_start:
             raise ValueError(
                 f"position differs between worlds, and loads[{k}], {one!r}, starts from the positions of the "
                 "scene; in an ensemble with such a load all worlds must start alike"

@@ -1,0 +1,59 @@
+"""Loads that are sums over elements, on a device: what they do is one function in `kernels`."""
+
+from collections.abc import Sequence
+from importlib import import_module
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...kernels.loads.elements import element_load
+from ...world import ElementLoad, Load
+from ..device.csr import rows
+from ..device.device import upload_fields
+from ..model.effect import Effect, Elements, summed
+from ..model.model import Model
+
+
+def element_loads_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
+    """Return the effects of the loads of a scene that are sums over elements, one for each kind."""
+    kinds = dict.fromkeys(type(one) for one in loads if isinstance(one, ElementLoad))
+    return [ElementLoads(model, [one for one in loads if type(one) is kind]) for kind in kinds]
+
+
+class ElementLoads(Effect):
+    """All loads of a kind; `evaluate` is in the file of `kernels/loads` that is named as that of their class."""
+
+    def __init__(self, model: Model, loads: Sequence[Load]) -> None:
+        several = [one for one in loads if isinstance(one, ElementLoad)]
+        self._model, self.conserves = model, several[0].stores
+        evaluate = import_module(
+            f"msdwarp.kernels.loads.{type(several[0]).__module__.rpartition('.')[2]}"
+        ).evaluate
+        points, own = (
+            np.concatenate(each) for each in zip(*(one.elements(model.system) for one in several), strict=True)
+        )
+        how = evaluate, points.shape[1], own.shape[1], self.conserves
+        composed = element_load(model.dim, model.scalar, model.compensated, *how)
+        piece, self._law, self._blocks, self._energies = composed
+        model.kernels.note(self._blocks, self._energies)
+        order, first = rows(points.ravel(), model.particle_count)
+        self.members = np.diff(first) > 0
+        self.piece, self.data, self._points = piece, piece.Data(), points
+        upload_fields(self.data, model.device, particle=points, own=own, first=first, entry=order)
+
+    def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
+        """Add half of the sums of the magnitudes of Warp's derivatives, which the stability bound doubles."""
+        inputs = [self.data, self._points.shape[1] * self._model.dim, x, v]
+        wp.launch(self._blocks, len(self._points), inputs, [stiffness, damping], device=self._model.device)
+
+    def elements(self) -> Elements:
+        """Return the elements, for gradients."""
+        return Elements(self.data, self._law, self._points)
+
+    def energies_and_powers(self, x: wp.array, v: wp.array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the stored energy [J]; none if the force is not that of an energy, but does work."""
+        if not self.conserves:
+            return super().energies_and_powers(x, v)
+        inputs = [self.data, self._model.stride, x, v]
+        return summed(self._model, self._energies, len(self._points), inputs)
