@@ -31,6 +31,8 @@ class Load:
     """Argument of a scene under which the load is given."""
     constant: ClassVar[tuple[str, ...]] = ()
     """Fields in which a load must equal one that replaces it between frames; if empty, none can replace it."""
+    given: ClassVar["Load | None"] = None
+    """The load of which this is the `bound` one, as the user gave it; None if it is not bound."""
 
     def __repr__(self) -> str:
         required, others = [], []

@@ -18,6 +18,7 @@ from msdwarp.engine.stepping.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
 from msdwarp.kernels.compensation import compensated_sum
 from msdwarp.kernels.effect import ForceTerm
+from msdwarp.world import Problem
 
 K = 36.0
 """Stiffness of the anchors [N/m]."""
@@ -74,7 +75,7 @@ class Anchors(Effect):
 @pytest.fixture
 def with_anchors(monkeypatch):
     """Have every scene anchored."""
-    monkeypatch.setattr(effects, "EFFECTS", [*effects.EFFECTS, lambda model, around: Anchors(model)])
+    monkeypatch.setattr(effects, "EFFECTS", [*effects.EFFECTS, lambda model, *_: Anchors(model)])
 
 
 def start(dim: int) -> System:
@@ -154,7 +155,7 @@ def test_energy_counts_what_it_stores(with_anchors, device):
 
 def test_the_step_bears_it(with_anchors, device):
     # k/m of the light particles is 36 s⁻²; the bound may be twice that.
-    model = assemble(start(3), device=device, precision="float64")
+    model = assemble(Problem(system=start(3)), device=device, precision="float64")
     assert K <= rate_bounds(start(3), model).stiffness <= 2 * K * (1 + 4 * EPS64)
 
 
@@ -172,7 +173,7 @@ def test_gradients_refuse_it_by_name(with_anchors):
 
 
 def test_a_scene_without_it_has_nothing_of_it():
-    plain = Dynamics(assemble(chain(3), device="cpu"))
+    plain = Dynamics(assemble(Problem(system=chain(3)), device="cpu"))
     assert plain.composition.pieces == ()
     assert "anchors" not in {name for name, *_ in plain.scene._cls.vars.items()}
     assert math.isfinite(rate_bounds(chain(3)).stiffness)
