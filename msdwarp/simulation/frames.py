@@ -43,12 +43,12 @@ def _take_frame(run: Run, continues: bool) -> None:
 
 def _count_frame(run: Run) -> None:
     """Count the frame that has been taken, and keep what was measured in it."""
-    substeps, seconds = run.stepping.choice.substeps, 1.0 / run.chooser.fps
+    substeps = run.stepping.choice.substeps
     if substeps != run.substep_history[-1][1]:
         run.substep_history.append((run.time, substeps))
     run.frame_index += 1
     if run.readings:
-        run.readings.add(run.time, seconds, run.stepping.readings())
+        run.readings.add(run.time, 1.0 / run.chooser.fps, run.stepping.readings())
     found = {} if run.controller is None else run.controller.warnings
     for kind in found.keys() - run.warned:
         run.warned.add(kind)

@@ -228,8 +228,9 @@ class Run:
             self._reset_baseline()
 
     def restore_contact(self, arrays: Mapping[str, NDArray]) -> None:
-        """Restore the contacts between bodies from a checkpoint (`BodyContact.checkpoint`)."""
-        self.stepping.assembly.body_contact.restore(arrays)
+        """Restore the contacts between bodies, if they touch, from a checkpoint (`BodyContact.checkpoint`)."""
+        if self.stepping.assembly.body_contact is not None:
+            self.stepping.assembly.body_contact.restore(arrays)
         self._reset_baseline()
 
     def _reset_baseline(self) -> None:
