@@ -21,6 +21,7 @@ from msdwarp import (
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.kernels.basis import kernel, vector
 from msdwarp.kernels.colliders.signed_distance import KINDS, signed_distance, solids
+from msdwarp.world import Problem
 from msdwarp.world.colliders import Collider
 
 G = 9.82
@@ -89,7 +90,9 @@ def level(collider: Collider, x: np.ndarray) -> np.ndarray:
 def distances(colliders, x: np.ndarray, p: int) -> tuple[np.ndarray, np.ndarray]:
     """Return (normals, distances) of points from collider p, as kernels compute them on the CPU."""
     dim = x.shape[1]
-    assembly = assemble(System(position=x[:1]), colliders=colliders, device="cpu", precision="float64")
+    assembly = assemble(
+        Problem(system=System(position=x[:1]), colliders=colliders), device="cpu", precision="float64"
+    )
     (around,) = assembly.all
     kinds = tuple(sorted({type(one).__name__ for one in colliders}, key=KINDS.index))
     distance, V = signed_distance(dim, wp.float64, kinds), vector(dim, wp.float64)

@@ -18,7 +18,9 @@ from msdwarp import RK4, RKC2, ExplicitEuler, Integrator, Leapfrog, SymplecticEu
 from msdwarp.engine.model.state import State
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
+from msdwarp.engine.stepping.substep import take_stage
 from msdwarp.engine.stepping.velocities import Velocities
+from msdwarp.world import Problem
 
 METHODS = {
     "symplectic euler": SymplecticEuler(),
@@ -134,7 +136,7 @@ class Run:
         self, system: System, method: Integrator, h: float, *, gravity: Any = 0.0, device: str = "cpu"
     ) -> None:
         self.method, self.h = method, h
-        self.assembly = assemble(system, gravity=gravity, device=device, precision="float64")
+        self.assembly = assemble(Problem(system=system, gravity=gravity), device=device, precision="float64")
         self.state, self.dynamics = (
             State.from_system(system, self.assembly.model, method.method_state),
             Dynamics(self.assembly),
@@ -146,7 +148,7 @@ class Run:
     def step(self, steps: int = 1) -> None:
         for _ in range(steps):
             for stage in self.method.substep(self.state, self.work, self.h):
-                self.dynamics.run(stage)
+                take_stage(self.dynamics, stage)
             self.state.flip()
         self.velocities.given = False
 

@@ -12,7 +12,9 @@ from msdwarp.engine.model.state import State
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
 from msdwarp.engine.stepping.stages import Stage
+from msdwarp.engine.stepping.substep import take_stage
 from msdwarp.kernels.integrators.euler import kick
+from msdwarp.world import Problem
 
 PRECISIONS = {
     "float32": problems.EPS32,
@@ -75,12 +77,15 @@ def lattices(damping: float) -> dict[str, System]:
 def evaluate(system: System, device: str, precision: str, force_algorithm: str = "auto") -> np.ndarray:
     """Return the force on every particle: what a second's kick gives to masses of 1 kg."""
     assembly = assemble(
-        system.replace(mass=1.0), gravity=0.0, device=device, precision=precision, force_algorithm=force_algorithm
+        Problem(system=system.replace(mass=1.0), gravity=0.0),
+        device=device,
+        precision=precision,
+        force_algorithm=force_algorithm,
     )
     dynamics, state = Dynamics(assembly), State.from_system(system, assembly.model)
     rest, force = state.model.vectors_together(2)
     fields = {"compensation": state.compensation, "x": state.x, "v": state.v, "v_half": rest, "v_out": force}
-    dynamics.run(Stage(kick, {"h": 1.0, **fields}))
+    take_stage(dynamics, Stage(kick, {"h": 1.0, **fields}))
     return force.numpy()
 
 

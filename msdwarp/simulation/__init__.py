@@ -11,3 +11,4 @@ from .gradient import ARRAYS, Gradient
 from .gradient_run import Differentiated, Frames
 from .readback import Readback
 from .simulation import Simulation
+from .substep_chooser import SubstepChooser

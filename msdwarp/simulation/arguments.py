@@ -1,14 +1,24 @@
-"""Checks of the arguments of simulations and runs."""
+"""Checks of the arguments of simulations and ensembles."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System
+from ..bodies import LIMITS, System
 from ..integrators import MOST_SUBSTEPS
-from ..world import Change, Load
+from ..world import Change, Load, Problem
 
+GRAVITY = 9.82
+"""The default of `gravity`, that object itself: beside a scene none may be given."""
 MOST_FRAMES = 10**9
 """Maximal number of frames of a run."""
+
+NOT_NEGATIVE: checks.Limit = (lambda v: v >= 0, "at least 0")
+MORE_LIMITS = {"friction": (checks.FINITE, NOT_NEGATIVE), "gravity": (checks.FINITE,)}
+"""Checks of parameters that are not fields of `System`."""
 
 
 def frame_count(duration: float, fps: float) -> int:
@@ -35,6 +45,22 @@ def given_substeps(substeps: int | str) -> int | None:
     return int(substeps)
 
 
+def problem_of(name: str, scene: Problem | System, **around: Any) -> Problem:
+    """Return a scene itself, or the problem of a system with what is given of the other fields of `Problem`.
+
+    Raises ValueError if it is neither, or a field is given beside a scene.
+    """
+    defaults = {"gravity": GRAVITY, "colliders": (), "loads": (), "contact": None, "schedule": (), "probes": None}
+    given = {name: value for name, value in around.items() if value is not defaults[name]}
+    if not isinstance(scene, Problem):
+        checks.instance(name, scene, System, "chain(5), or a Scene")
+        return Problem(system=scene, **given)
+    for field in given:
+        verb = "are" if field in ("colliders", "loads", "probes") else "is"
+        raise ValueError(f"{field} {verb} given beside a Scene, which has its own; that must be in the scene")
+    return scene
+
+
 def in_order(schedule: Sequence[Change], system: System, loads: Sequence[Load]) -> list[Change]:
     """Return changes sorted by time; raise ValueError if one cannot be applied to this system and these loads."""
     changes = checks.sequence("schedule", schedule, Change, "at(1.0, mass=2.0)")
@@ -47,3 +73,69 @@ def in_order(schedule: Sequence[Change], system: System, loads: Sequence[Load]) 
     for change in changes:
         loads = change.released_from(loads, system)
     return changes
+
+
+def parameter_rows(
+    system: System, collider_count: int, worlds: int, given: Mapping[str, Any]
+) -> dict[str, NDArray[np.float64]]:
+    """Return the rows of each parameter for `Model`; raise ValueError for a wrong shape, length or value."""
+    n, d = system.particle_count, system.dim
+    shapes: dict[str, tuple[int, ...]] = {"mass": (n,), "position": (n, d), "velocity": (n, d)}
+    shapes |= {"friction": (collider_count,), "gravity": (d,)}
+    shapes |= dict.fromkeys(("rest_length", "stiffness", "damping"), (system.connection_count,))
+    rows = {}
+    for name, value in given.items():
+        if value is None:
+            continue
+        values = _in_rows(name, checks.array(name, value), shapes[name])
+        if worlds % len(values):
+            raise ValueError(f"{name} has {len(values)} rows; that must divide the number of worlds, {worlds}")
+        checks.within(name, values, *(LIMITS | MORE_LIMITS)[name])
+        rows[name] = values
+    if "velocity" in rows:
+        mass = rows.get("mass", system.mass[None])
+        rows["velocity"] = _without_pinned(rows["velocity"], mass, np.ndim(given["velocity"]) == 2)
+    return rows
+
+
+def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return rows of a given shape; a shorter form is broadcast without copies."""
+    full, allowed = f"[rows, {', '.join(map(str, shape))}]", ""
+    given, short = values, values.ndim == len(shape)
+    if name == "gravity":
+        allowed = "[rows] (downwards) or "
+        if short:
+            checks.within(name, values, NOT_NEGATIVE)
+            given = np.concatenate([np.zeros((len(values), shape[0] - 1)), -values[:, None]], axis=1)
+    elif name == "velocity":
+        allowed = f"[rows, {shape[-1]}] or "
+        given = values[:, None, :] if short else values
+    elif name != "position":
+        allowed = "[rows] or "
+        given = values[:, None] if short else values
+    # A short form has length 1 along axes that are left out.
+    fits = given.ndim == 1 + len(shape) and all(
+        own == each or (own == 1 and given is not values) for own, each in zip(given.shape[1:], shape, strict=True)
+    )
+    if not fits or len(given) == 0:
+        raise ValueError(
+            f"{name} has shape {values.shape}; it must be of shape {allowed}{full}, a row for each world"
+        )
+    return np.broadcast_to(given, (len(given), *shape))
+
+
+def _without_pinned(
+    velocity: NDArray[np.float64], mass: NDArray[np.float64], all_alike: bool
+) -> NDArray[np.float64]:
+    """Return velocities, 0 for pinned particles; raise ValueError if one of these was given another velocity."""
+    if not np.isinf(mass).any():
+        return velocity
+    each = np.arange(np.lcm(len(velocity), len(mass)))
+    velocity = np.array(velocity[each % len(velocity)])
+    pinned = np.isinf(mass[each % len(mass)])
+    moves = pinned & (velocity != 0).any(axis=2)
+    if moves.any() and not all_alike:
+        world, particle = np.argwhere(moves)[0]
+        raise ValueError(f"velocity[{world}, {particle}] is of a pinned particle; it must be 0")
+    velocity[pinned] = 0.0
+    return velocity

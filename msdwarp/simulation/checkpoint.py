@@ -1,7 +1,7 @@
 """Checkpoints: arrays and values from which a simulation continues bit for bit.
 
-`saved` returns the state, the effects, the system, the substeps and the baseline. `Simulation.checkpoint` adds the
-frame index, changes, gravity, the method, the history of substeps and the step controller.
+`saved_run` returns the state, the effects, the system, the substeps, the baseline, the frame index, changes,
+gravity, the method, the history of substeps and the step controller; `restore_run` reads them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,9 +16,12 @@ from .. import checks
 from ..bodies import CONNECTION_FIELDS, DEFAULTS, PARTICLE_FIELDS, TEARING_FIELDS, System, stored
 from ..engine import Baseline, Effect, Model, Rates
 from ..integrators import MOST_SUBSTEPS, StepChoice
-from ..world import Change, Driven, Load, driven_particles
+from ..world import Change, Driven, Load, driven_particles, gravity_at
 from .pinned_staging import to_host
+from .readings import Readings
+from .run import Run
 from .stepping import Stepping
+from .substep_controller import StepController
 
 Arrays = Mapping[str, NDArray]
 Numbers = Mapping[str, Any]
@@ -30,16 +33,58 @@ NEW = ("touch.fastest",)
 _REST_VOLUME = "system.cells.rest_volume"
 
 
-def saved(stepping: Stepping) -> tuple[dict[str, NDArray], dict[str, Any]]:
-    """Return (arrays of state, effects and system; values of the substeps and the baseline)."""
+def saved_run(run: Run) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Return arrays, and values, from which `restore_run` continues this frame bit for bit."""
+    stepping, now = run.stepping, run.stepping.model
     arrays = {name: to_host(array) for name, array in _all_arrays(stepping).items()}
     for effect in stepping.assembly.all:
         arrays |= effect.checkpoint()
-    return arrays | saved_system(stepping.model.system), _saved_choice(stepping.choice, stepping.watch.baseline)
+    arrays |= saved_system(now.system) | saved_drives(run.start.loads, now)
+    numbers = _saved_choice(stepping.choice, stepping.watch.baseline)
+    own = {"frame_index": run.frame_index, "changes": len(run.schedule) - len(run.due), "fps": run.chooser.fps}
+    gravity = run.problem.gravity
+    if gravity is not run.start.gravity and not callable(gravity):
+        own["gravity"] = np.asarray(gravity, dtype=float).tolist()
+    own |= {"integrator": repr(run.chooser.method), "chosen": [list(one) for one in run.substep_history]}
+    return arrays, own | numbers | (run.controller.saved() if run.controller is not None else {})
+
+
+def restore_run(run: Run, arrays: Arrays, numbers: Numbers) -> None:
+    """Go to a checkpoint of a run that began alike; see `Simulation.restore`."""
+    check_same(numbers, fps=run.chooser.fps, integrator=repr(run.chooser.method))
+    start, gravity_now = run.start, run.problem.gravity
+    frame_index, changes, chosen = restored_progress(numbers)
+    system = restored_system(start.system, arrays)
+    choice = restored_choice(numbers, run.chooser.fps)
+    controller = run.controller and StepController.restored(numbers)
+    baseline = restored_baseline(numbers)
+    gravity = restored_gravity(numbers, start.gravity, run.schedule[:changes], system.dim)
+    gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
+    loads = restored_loads(start.loads, system, arrays)
+    reusable = run.controller is None and run.frame_index == 0
+    reusable = reusable and system is run.problem.system and choice == run.stepping.choice
+    reusable = reusable and loads is run.problem.loads and gravity is gravity_now
+    with run.undoing():
+        run.controller = run.controller and StepController()
+        run.frame_index, run.readings = frame_index, Readings(run.problem.probes, system.dim)
+        if not reusable:  # in a sweep, an upload for each world would take as long as a new simulation
+            problem = run.problem.replace(system=system, loads=loads, contact=start.contact, gravity=gravity)
+            run.load(problem.begun(), choice, arrays)
+        check_arrays(run.stepping, arrays)
+        run.stepping.begin_at(run.time)
+        run.due = run.schedule[changes:]
+        restore_arrays(run.stepping, arrays)
+        for effect in run.stepping.assembly.all:
+            effect.make_room(run.stepping.state.x, run.stepping.state.v)
+        run.substep_history = chosen or [(0.0, run.stepping.choice.substeps)]
+        if baseline is not None:
+            run.stepping.watch.compare_with(baseline)
+        if controller is not None:  # older checkpoints have no controller: it starts here
+            run.controller = controller
 
 
 def saved_worlds(stepping: Stepping) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:
-    """Return arrays and values, as `saved` does, for each world of an ensemble, without its system's fields."""
+    """Return arrays and values of each world of an ensemble, as `saved_run` does, without its system's fields."""
     moving = {name: stepping.model.by_world(to_host(array)) for name, array in _all_arrays(stepping).items()}
     baselines = np.stack(np.broadcast_arrays(*stepping.watch.baseline), axis=-1)
     found = []
@@ -137,10 +182,10 @@ def saved_drives(loads: Sequence[Load], model: Model) -> dict[str, NDArray]:
     return {"driven": np.flatnonzero(model.driven)} if any(isinstance(one, Driven) for one in loads) else {}
 
 
-def restored_loads(loads: Sequence[Load], system: System, arrays: Arrays) -> tuple[Load, ...]:
+def restored_loads(loads: Sequence[Load], system: System, arrays: Arrays) -> Sequence[Load]:
     """Return the loads; drives hold only the particles in the checkpoint. Raise ValueError for other drives."""
     if not any(isinstance(one, Driven) for one in loads):
-        return tuple(loads)
+        return loads
     kept = np.zeros(system.particle_count, dtype=bool)
     indices = np.asarray(checks.member("checkpoint", arrays, "driven"))
     kept[checks.indices("driven of the checkpoint", indices[:, None], 1, len(kept))[:, 0]] = True

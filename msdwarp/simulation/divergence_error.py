@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import System
 from ..engine import rate_bounds
-from ..integrators import Integrator, choose_forced
+from ..integrators import choose_forced
 
 INSIDE_MATTERS = 1.0
 """Until this time [s] an initial overlap with an obstacle or body is assumed to cause a divergence."""
@@ -58,47 +57,22 @@ class SimulationDiverged(RuntimeError):
         vars(self).update(details)
 
 
-def divergence_of(
-    simulation: Any, method: Integrator, inside: str | None, failure: Any = None
-) -> SimulationDiverged:
-    """Return the error for a simulation's last frame, after going back to its start; see `describe`.
+def divergence_of(run: Any, failure: Any = None) -> SimulationDiverged:
+    """Return the error for the last frame of a `Run`, after going back to its start.
 
-    `failure` is that of the controller of substeps, whose last attempt is described.
+    `failure` is that of the controller of substeps, whose last attempt is described: its `gained` is the rise of
+    energy without a cause, as a fraction of its scale, if this ended the run.
     """
-    now, first, gained = simulation, simulation.stepping, None
+    stepping, gained = (run.stepping, None) if failure is None else (failure.stepping, failure.gained)
+    choice, time, inside, too_far = stepping.choice, run.time, run.inside, stepping.too_far
     try:
-        if failure is not None:
-            now.stepping, gained = failure.stepping, failure.gained
-        too_far, divergence = now.stepping.too_far, now.stepping.locate_divergence()
-        rates = rate_bounds(now.system, now.assembly, now.state)
-        needed = max(now.choice.least, choose_forced(rates, method, now.fps, 1).least)
-        system = now.system.replace(**now.assembly.changed_fields())
-        return describe(system, divergence, now.time, now.dt, now.substeps, needed, inside, gained, too_far)
+        position, substep, particle = stepping.locate_divergence()
+        rates = rate_bounds(run.problem.system, stepping.assembly, stepping.state)
+        needed = max(choice.least, choose_forced(rates, run.chooser.method, choice.fps, 1).least)
+        system = run.problem.system.replace(**stepping.assembly.changed_fields())
     finally:
         if failure is not None:  # with the substeps of the last good frame
-            now.stepping = first
-            first.go_back()
-
-
-def describe(
-    system: System,
-    divergence: Divergence,
-    time: float,
-    dt: float,
-    substeps: int,
-    needed: int,
-    inside: str | None = None,
-    gained: float | None = None,
-    too_far: float = 0.0,
-) -> SimulationDiverged:
-    """Return the exception for a frame of `substeps` substeps of `dt` [s] that diverged.
-
-    `system` and `time` [s] are from the frame's start, and `needed` is the least number of substeps that is stable
-    there, or 0. `inside` is a message about an initial overlap, which is then the cause. `gained` is the
-    unexplained rise of energy as a fraction of its scale, if this rise ended the run. `too_far` is the path of a
-    particle in a substep [m], if contact would miss bodies on it.
-    """
-    position, substep, particle = divergence
+            run.stepping.go_back()
     connection, strain, stretched = None, float("nan"), ""
     mine = np.flatnonzero((system.connections == particle).any(axis=1))
     if len(mine):
@@ -110,23 +84,23 @@ def describe(
         connection, strain = int(mine[worst]), float(strains[worst])
         stretched = f", whose connection {connection} was at strain {strain:.3g} before"
     advice = f"at least {needed} substeps a frame are stable there" if needed else "no step is stable here"
-    if 0 < needed <= substeps:
+    if 0 < needed <= choice.substeps:
         advice += (
             ", so a force or a law is not finite there, or stretching or contact came on within the frame: then "
-            f"try {2 * substeps}"
+            f"try {2 * choice.substeps}"
         )
     if too_far:
         advice = f"a particle moves by {too_far:.3g} m in a substep, and contact would miss bodies on its way"
         advice += ": take more substeps, or raise fps"
     elif inside and time < INSIDE_MATTERS:
         advice = inside
-    when = time + substep * dt
+    when = time + substep * choice.step
     event = "diverged"
     if gained is not None:
         event = f"energy has grown by {gained:.0%} without a cause, and shorter steps did not prevent it: ended"
     return SimulationDiverged(
-        f"{event} at {when:.4g} s, in substep {substep} of {substeps}, first at particle {particle}{stretched}; "
-        f"{advice}. The last good frame, at {time:.4g} s, is kept",
+        f"{event} at {when:.4g} s, in substep {substep} of {choice.substeps}, first at particle {particle}"
+        f"{stretched}; {advice}. The last good frame, at {time:.4g} s, is kept",
         time=when,
         substep=substep,
         particle=particle,

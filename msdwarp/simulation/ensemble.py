@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,27 +13,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import System
-from ..engine import Assembly, Dynamics, State, WorldStatus, assemble_worlds, starting_state, threads_of_world
-from ..integrators import SAFETY, Integrator, StepChoice, UnstableStep
-from ..runtime import calling, completing, exclusive, in_turn
+from ..engine import WorldStatus, assemble_worlds
+from ..integrators import SAFETY, Integrator
+from ..runtime import calling, exclusive, in_turn
 from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
-from .arguments import frame_count
-from .changing import check_supports_contact
+from .arguments import frame_count, parameter_rows, problem_of
 from .checkpoint import saved_drives, saved_system, saved_worlds
 from .divergence_error import SimulationDiverged
-from .ensemble_parameters import parameter_rows, taken_from
 from .ensemble_results import dataset, import_xarray, observations
-from .gradient import Differentiable
+from .frames import advance
+from .properties import Present
+from .run import Run, check_supports
 from .simulation import Simulation
-from .stepping import Stepping
-from .undoing import undoing
+from .substep_chooser import SubstepChooser
 
 STATUS = ("running", "not finite", "energy")
 """Names of the values 0, 1 and 2 of `WorldStatus.status`."""
 SYSTEM_FIELDS = ("stiffness", "damping", "rest_length", "mass", "position", "velocity")
 
 
-class Ensemble(Differentiable):
+class Ensemble(Present):
     """Simulates many worlds at once: copies of a scene with different parameters or starting states.
 
     World w equals a `Simulation` of the scene with the w-th entry of each parameter and the same number of
@@ -120,67 +120,53 @@ class Ensemble(Differentiable):
         threads: int | str | None = "auto",
     ) -> None:
         self.worlds = int(checks.count("worlds", worlds, 1))
-        self._set_up_steps(integrator, fps, substeps, safety, allow_unstable, energy_limit)
-        system, self._colliders, self._loads, own_gravity = taken_from(scene, colliders, loads, contact)
-        check_supports_contact(self._method, self._loads)
-        if self._method.solves:
+        chooser = SubstepChooser(integrator, fps, substeps, safety, allow_unstable)
+        problem = problem_of("scene", scene, colliders=colliders, loads=loads, contact=contact)
+        if problem.schedule:
+            raise ValueError("the scene has a schedule, which worlds of an ensemble cannot have yet")
+        if chooser.method.solves:
             raise ValueError(
-                f"integrator is {self._method}; in an ensemble it must be an explicit one, such as RK4()"
+                f"integrator is {chooser.method}; in an ensemble it must be an explicit one, such as RK4()"
             )
-        self._observe = scene.observe if isinstance(scene, Scene) else {}
-        if isinstance(scene, Scene) and scene.settled:
+        check_supports(chooser.method, problem)
+        self._observe = problem.observe if isinstance(problem, Scene) else {}
+        if isinstance(problem, Scene) and problem.settled:
             raise ValueError("scene has settled=True, which an ensemble cannot do yet; it must be False")
         values = zip(SYSTEM_FIELDS, (stiffness, damping, rest_length, mass, position, velocity), strict=True)
         given = {name: None if value is None else checks.array(name, value) for name, value in values}
         alike = {name: value for name, value in given.items() if value is not None and value.ndim == 0}
-        self._base = system.replace(**alike)
+        base = problem.system.replace(**alike)
         by_world: dict[str, Any] = {name: value for name, value in given.items() if name not in alike}
         by_world |= {"friction": friction}
+        shared: Any = problem.gravity
         if gravity is None or np.ndim(gravity) == 0:  # a function also has ndim 0
-            own_gravity = own_gravity if gravity is None else gravity
+            shared = shared if gravity is None else gravity
         else:
             by_world["gravity"] = gravity
-            own_gravity = 0.0 if callable(own_gravity) else own_gravity  # else both gravities would act
-        if friction is not None and not self._colliders:
+            shared = 0.0 if callable(shared) else shared  # else both gravities would act
+        if friction is not None and not problem.colliders:
             raise ValueError("friction is given; there must be colliders then")
-        self._rows = parameter_rows(self._base, len(self._colliders), self.worlds, by_world)
-        self._threads: Any = threads
-        self._surroundings: dict[str, Any] = {
-            "gravity": own_gravity,
-            "colliders": self._colliders,
-            "collider_rule": collider_rule,
-            "loads": self._loads,
-            "device": device,
-            "precision": precision,
-            "force_algorithm": force_algorithm,
-        }
+        self._rows = parameter_rows(base, len(problem.colliders), self.worlds, by_world)
+        upload = partial(
+            assemble_worlds,
+            worlds=self.worlds,
+            rows=self._rows,
+            collider_rule=collider_rule,
+            device=device,
+            precision=precision,
+            force_algorithm=force_algorithm,
+        )
+        self._collider_rule = collider_rule
+        start = problem.replace(system=base, gravity=shared, probes={})
+        self._run = Run(
+            start.begun(), chooser, upload, energy_limit=energy_limit, blocks=threads, watches_energy=False
+        )
         self.reset()
 
     @exclusive
     def reset(self) -> None:
         """Go back to the start."""
-        with undoing(self):
-            self.frame_index, self._warned = 0, set()
-            assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
-            threads_of_world(assembly, self._threads)  # raise before kernels are compiled
-            state = starting_state(self._base, assembly, self._method.method_state, 0.0, self.fps)
-            choices = self._choices(assembly, state)
-            how: dict[str, Any] = {"energy_limit": self._energy_limit, "blocks": self._threads}
-            self.stepping = Stepping(Dynamics(assembly), state, self._method, choices, **how)
-
-    def _choices(self, assembly: Assembly, state: State, old: Sequence[StepChoice] = ()) -> list[StepChoice]:
-        """Return the substeps that different worlds need; a world that none can follow keeps its `old` ones."""
-        choices = list[StepChoice]()
-        for k, rates in enumerate(self._rates(assembly, state)):
-            try:
-                choices.append(self._choose(rates, assembly, state, k))
-            except UnstableStep as error:
-                if not old:
-                    raise UnstableStep(f"in world {k} {error}") from error
-                choices.append(old[k])
-        for k in np.flatnonzero(~self._running()).tolist() if old else ():
-            choices[k] = replace(old[k], substeps=1, rates=old[k].rates._replace(own=0.0))
-        return choices
+        self._run.begin()
 
     def _parameter_of(self, name: str, world: int) -> NDArray[np.float64]:
         """Return a world's entry of a parameter."""
@@ -196,15 +182,7 @@ class Ensemble(Differentiable):
     @exclusive
     def step(self, frames: int = 1) -> None:
         """Advance all worlds that have not diverged by one or more frames."""
-        with completing() as interrupted:
-            for _ in range(checks.count("frames", frames, 1)):
-                if self._functions_changed():
-                    choices = self._choices(self.assembly, self.state, self.stepping.choices)
-                    self.stepping = self.stepping.with_choice(*choices)
-                self.stepping.advance(self.time)
-                self.frame_index += 1
-                if interrupted:
-                    break
+        advance(self._run, checks.count("frames", frames, 1))
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:
         """Advance by a duration [s] and return the observed quantities of each world as an `xarray.Dataset`.
@@ -279,13 +257,13 @@ class Ensemble(Differentiable):
     @property
     def held_back(self) -> NDArray[np.float64]:
         """Largest distance by which contact held a particle back in a substep of the last frame, by world [m]."""
-        return self._held_back().copy()
+        return self._run.held_back().copy()
 
     @property
     @in_turn
     def inverted(self) -> NDArray[np.integer]:
         """Number of cells that are turned inside out, by world; no warning says so, as no energies are watched."""
-        return self._inverted()
+        return self._run.inverted()
 
     @property
     def diverged_at(self) -> NDArray[np.float64]:
@@ -308,9 +286,9 @@ class Ensemble(Differentiable):
             fields |= {"position": frame.position[world], "velocity": frame.velocity[world]}
             changed = self.assembly.checkpoints()[world]
             if "rest_length" in changed:
-                fields["original_length"] = fields.get("rest_length", self._base.original_length)
+                fields["original_length"] = fields.get("rest_length", self._run.start.system.original_length)
             fields |= {name: changed[name] for name in ("rest_length", "broken_at") if name in changed}
-        return self._base.replace(**fields)
+        return self._run.start.system.replace(**fields)
 
     @in_turn
     def simulation_of(self, world: int, *, start: bool = True, **options: Any) -> Simulation:
@@ -319,35 +297,29 @@ class Ensemble(Differentiable):
         `options` are further arguments of `Simulation`.
         """
         world = self._checked_index(world)
-        own: dict[str, Any] = self._surroundings | {
-            "contact": [one for one in self._loads if isinstance(one, Contact)],
+        start_now: Any = self._run.start
+        around: dict[str, Any] = {"system": self.system_of(world, start=start)}
+        if "gravity" in self._rows:
+            around["gravity"] = self._parameter_of("gravity", world)
+        if "friction" in self._rows:
+            each, obstacles = self._parameter_of("friction", world).tolist(), list[Any](start_now.colliders)
+            around["colliders"] = [replace(one, friction=mu) for one, mu in zip(obstacles, each, strict=True)]
+        around |= {name: options.pop(name) for name in options.keys() & vars(start_now).keys()}
+        own: dict[str, Any] = {
+            "collider_rule": self._collider_rule,
+            "precision": self.model.precision,
             "integrator": self.integrator,
             "fps": self.fps,
             "substeps": self.substeps,
             "allow_unstable": True,
-            "energy_limit": self._energy_limit,
+            "energy_limit": self._run.energy_limit,
             "device": self.device,
             "force_algorithm": self.model.force_algorithm,
         }
-        if "gravity" in self._rows:
-            own["gravity"] = self._parameter_of("gravity", world)
-        if "friction" in self._rows:
-            each, obstacles = self._parameter_of("friction", world).tolist(), list[Any](self._colliders)
-            own["colliders"] = [replace(one, friction=mu) for one, mu in zip(obstacles, each, strict=True)]
-        alone = Simulation(self.system_of(world, start=start), **(own | options))
-        if self.assembly.body_contact is not None:
-            alone._touch_by(self._base.position)
-            if not start:
-                alone._restore_contact(self.assembly.body_contact.checkpoints()[world])
+        alone = Simulation(start_now.replace(**around), **(own | options))
+        if self.assembly.body_contact is not None and not start:
+            alone._run.restore_contact(self.assembly.body_contact.checkpoints()[world])
         return alone
-
-    def _assembled(self) -> tuple[Assembly, State]:
-        """Return a new assembly of the worlds, and their current state."""
-        assembly = assemble_worlds(self._base, self.worlds, self._rows, **self._surroundings)
-        state, frame = State(assembly.model), self.frame()
-        state.write("x", frame.position)
-        state.write("v", frame.velocity)
-        return assembly, state
 
     @in_turn
     def checkpoints(self) -> list[tuple[dict[str, NDArray], dict[str, Any]]]:
@@ -360,7 +332,9 @@ class Ensemble(Differentiable):
         shared = {"fps": self.fps, "integrator": repr(self.integrator), "changes": 0}
         found = []
         for world, (arrays, numbers) in enumerate(saved_worlds(self.stepping)):
-            arrays |= saved_drives(self._loads, self.model) | saved_system(self.system_of(world, start=True))
+            arrays |= saved_drives(self._run.start.loads, self.model) | saved_system(
+                self.system_of(world, start=True)
+            )
             frame = int(frames[world])
             numbers |= shared | {"frame_index": self.frame_index if frame < 0 else frame}
             if "gravity" in self._rows:

@@ -3,7 +3,6 @@
 import math
 import sys
 import warnings
-from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..engine import Assembly, State, without_adjoint
+from ..engine import without_adjoint
 from ..integrators import Leapfrog, SymplecticEuler
-from ..runtime import calling, in_turn
+from ..runtime import calling
 from ..world import Actuator
 from .gradient_run import Differentiated, Frames
-from .properties import Present
+from .run import Run
 
 ARRAYS = ("position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity")
 """Names of arguments with respect to which derivatives may be requested; there are also "force" and "strain"."""
@@ -74,133 +73,91 @@ class Gradient:
         return self.derivatives[name]
 
 
-class Differentiable(Present):
-    """A simulation, or an ensemble, whose frames can be differentiated."""
+def gradient(owner: Any, of: Run, loss: Loss, frames: int, by: Sequence[str]) -> Gradient:
+    """Return the gradient of a run; see `Simulation.gradient`. `owner` may not advance within the loss."""
+    if not callable(loss):
+        raise ValueError(f"loss is {checks.repr_short(loss)}; it must be a function of the frames")
+    by = checks.sequence("by", by, str, "'stiffness'")
+    run, found = differentiated(of, frames, by)
+    told, both, stopped = calling(owner, "gradient", told_by, loss, found), [], run.stopped
+    if not isinstance(told, tuple) or len(told) != 3:
+        raise ValueError(
+            f"loss returned {checks.repr_short(told)}; it must return a tuple of its value, and its "
+            "derivatives by positions and by velocities (or None), or an array of JAX or a tensor of PyTorch"
+        )
+    value = checks.array("the value of loss", told[0])
+    if value.shape != stopped.shape:
+        allowed = f"of shape {stopped.shape}, a number for each world" if stopped.shape else "a number"
+        raise ValueError(f"loss returned a value of shape {value.shape}; it must be {allowed}")
+    checks.every("the value of loss", value, np.isfinite(value) | stopped, "finite")
+    value[stopped] = np.nan
+    if told[1] is None and told[2] is None:
+        raise ValueError("loss returned None for both of its derivatives; one of them must be an array")
+    for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
+        if each is not None:
+            given, shape = checks.array(f"{name} of the loss", each), found.position.shape
+            if given.shape != shape:
+                raise ValueError(f"{name} of the loss has shape {given.shape}; it must be {shape}, or None")
+            ended = stopped.reshape(stopped.shape + (1,) * (given.ndim - stopped.ndim))
+            checks.every(f"{name} of the loss", given, np.isfinite(given) | ended, "finite")
+            each = run.by_frame(given)
+        both.append(each or [None] * len(found.time))
+    growth = run.backward(*both)
+    growth[stopped] = 0.0
+    most = float(growth.max())
+    if not math.isfinite(most) or most > EXPLODES * frames:
+        where = f" of world {int(growth.max(axis=-1).argmax())}" if stopped.shape else ""
+        warnings.warn(
+            f"the gradient{where} is {most:.2g} times as large at the start as what the loss adds: the motion "
+            "is chaotic over so many frames, and the gradient tells nothing of finite changes",
+            checks.GradientWarning,
+            stacklevel=4,
+        )
+    growth[stopped] = np.nan
+    return Gradient(value if stopped.shape else float(value), run.found(by), growth, found, run.times)
 
-    _surroundings: dict[str, Any]
 
-    @abstractmethod
-    def _assembled(self) -> tuple[Assembly, State]:
-        """Return another assembly of the scene, and its current state."""
+def differentiated(of: Run, frames: int, by: Sequence[str]) -> tuple[Differentiated, Frames]:
+    """Simulate frames beside a run, and return them with the differentiable run; see `Simulation.gradient`."""
+    count, names = check_differentiable(of, frames, by)
+    assembly, state = of.begins_again()
+    now, start = of.stepping, (of.time, names, of.energy_limit)
+    run = Differentiated(assembly, state, now.state.v, now.integrator, now.choices, *start, now.dynamics.threads)
+    if now.frozen is not None:
+        run.stop(now.frozen.found().status)
+    return run, run.forward(count)
 
-    @in_turn
-    def gradient(self, loss: Loss, frames: int, by: Sequence[str] = ("position", "velocity")) -> Gradient:
-        """Return a loss of the coming frames, and its derivatives by the present state and by parameters.
 
-        The frames are simulated from the present state with the present number of substeps, and derivatives are
-        propagated back from the last to the first; the simulation itself stays as it is. The state at the start of
-        each frame is stored (of every k-th if memory is short), and a frame's substeps are repeated from it. See
-        docs/gradients.md for what can be differentiated.
-
-        In an ensemble each world has its own loss and derivatives: `value`, all that `loss` returns, the
-        derivatives and `growth` have the axis of worlds first, like the `Frames`.
-
-        Parameters
-        ----------
-        loss
-            Function of the `Frames`, from the present one on. It returns the loss, and its derivatives by their
-            positions and by their velocities, of the same shapes, one of which may be None for 0. If it returns an
-            array of JAX or a tensor of PyTorch alone, it is called again with frames of such arrays, from which
-            that library finds the derivatives.
-        frames
-            Number of frames to simulate.
-        by
-            Names of "position", "velocity", "stiffness", "damping", "rest_length", "mass", "gravity", "force", and
-            "strain" of actuators; and numbers of loads and soft obstacles, such as "loads[0].velocity" of a wind,
-            and "colliders[0].friction". See `Gradient`.
-
-        Raises
-        ------
-        ValueError
-            If an argument is out of range, or a part of the scene, which the message names, has no derivative.
-
-        Warns
-        -----
-        GradientWarning
-            If the gradient grows so much backwards that it says little about finite changes.
-        """
-        if not callable(loss):
-            raise ValueError(f"loss is {checks.repr_short(loss)}; it must be a function of the frames")
-        by = checks.sequence("by", by, str, "'stiffness'")
-        run, found = self.differentiated(frames, by)
-        told, both, stopped = calling(self, "gradient", told_by, loss, found), [], run.stopped
-        if not isinstance(told, tuple) or len(told) != 3:
-            raise ValueError(
-                f"loss returned {checks.repr_short(told)}; it must return a tuple of its value, and its "
-                "derivatives by positions and by velocities (or None), or an array of JAX or a tensor of PyTorch"
-            )
-        value = checks.array("the value of loss", told[0])
-        if value.shape != stopped.shape:
-            allowed = f"of shape {stopped.shape}, a number for each world" if stopped.shape else "a number"
-            raise ValueError(f"loss returned a value of shape {value.shape}; it must be {allowed}")
-        checks.every("the value of loss", value, np.isfinite(value) | stopped, "finite")
-        value[stopped] = np.nan
-        if told[1] is None and told[2] is None:
-            raise ValueError("loss returned None for both of its derivatives; one of them must be an array")
-        for name, each in zip(("∂/∂position", "∂/∂velocity"), told[1:], strict=True):
-            if each is not None:
-                given, shape = checks.array(f"{name} of the loss", each), found.position.shape
-                if given.shape != shape:
-                    raise ValueError(f"{name} of the loss has shape {given.shape}; it must be {shape}, or None")
-                ended = stopped.reshape(stopped.shape + (1,) * (given.ndim - stopped.ndim))
-                checks.every(f"{name} of the loss", given, np.isfinite(given) | ended, "finite")
-                each = run.by_frame(given)
-            both.append(each or [None] * len(found.time))
-        growth = run.backward(*both)
-        growth[stopped] = 0.0
-        most = float(growth.max())
-        if not math.isfinite(most) or most > EXPLODES * frames:
-            where = f" of world {int(growth.max(axis=-1).argmax())}" if stopped.shape else ""
-            warnings.warn(
-                f"the gradient{where} is {most:.2g} times as large at the start as what the loss adds: the motion "
-                "is chaotic over so many frames, and the gradient tells nothing of finite changes",
-                checks.GradientWarning,
-                stacklevel=4,
-            )
-        growth[stopped] = np.nan
-        return Gradient(value if stopped.shape else float(value), run.found(by), growth, found, run.times)
-
-    def differentiated(self, frames: int, by: Sequence[str]) -> tuple[Differentiated, Frames]:
-        """Simulate frames, and return the run and its frames; see `gradient` for the arguments and errors."""
-        count, names = self.check_differentiable(frames, by)
-        start = (self.time, names, self._energy_limit)
-        assembly, state = self._assembled()
-        choices, threads = self.stepping.choices, self.stepping.dynamics.threads
-        run = Differentiated(assembly, state, self.state.v, self.integrator, choices, *start, threads)
-        if self.stepping.frozen is not None:
-            run.stop(self.stepping.frozen.found().status)
-        return run, run.forward(count)
-
-    def check_differentiable(self, frames: int, by: Sequence[str]) -> tuple[int, Sequence[str]]:
-        """Return the arguments of `gradient`; raise ValueError as it does, before anything is simulated."""
-        count = checks.count("frames", frames, 1)
-        names = checks.sequence("by", by, str, "'stiffness'")
-        of_loads = [name for one in self.assembly.all for name in one.parameters() if name != "strain"]
-        for k, name in enumerate(names):
-            checks.one_of(f"by[{k}]", name, [*ARRAYS, "force", "strain", *of_loads])
-        method, around = self.integrator, self._surroundings
-        differentiated = method.tableau is not None or isinstance(method, SymplecticEuler | Leapfrog)
-        if not differentiated or method.method_state:
-            raise ValueError(
-                f"integrator is {method!r}; gradients need an explicit method without extrapolation, such as RK4()"
-            )
-        if self.model.compensated:
-            raise ValueError(f"precision is {self.model.precision!r}; gradients need 'float32' or 'float64'")
-        if missing := without_adjoint(self.assembly):
-            raise ValueError(f"the scene has {' and '.join(missing)}; gradients through these are not possible")
-        if "strain" in names and not any(isinstance(one, Actuator) for one in around["loads"]):
-            raise ValueError("by has 'strain', that of actuators; there must be an Actuator among the loads")
-        if "damping" in names and self.model.laws.damper is None:
-            raise ValueError("by has 'damping', and no connection has a damper; some damping must be above 0")
-        for name in ("gravity", "mass"):
-            if name in names and callable(around["gravity"]):
-                raise ValueError(f"by has {name!r}, and gravity is a function of time here; it must be constant")
-        if self._due and self._due[0].is_due(self.frame_index + count - 1, self.fps):
-            raise ValueError(
-                f"schedule has a change at {self._due[0].time:g} s; gradients through it are not possible, so the "
-                f"{count} frames from {self.time:g} s must end before it, or begin after it"
-            )
-        return count, names
+def check_differentiable(of: Run, frames: int, by: Sequence[str]) -> tuple[int, Sequence[str]]:
+    """Return the arguments of `gradient`; raise ValueError as it does, before anything is simulated."""
+    count = checks.count("frames", frames, 1)
+    names = checks.sequence("by", by, str, "'stiffness'")
+    of_loads = [name for one in of.stepping.assembly.all for name in one.parameters() if name != "strain"]
+    for k, name in enumerate(names):
+        checks.one_of(f"by[{k}]", name, [*ARRAYS, "force", "strain", *of_loads])
+    method, model = of.stepping.integrator, of.stepping.model
+    differentiated = method.tableau is not None or isinstance(method, SymplecticEuler | Leapfrog)
+    if not differentiated or method.method_state:
+        raise ValueError(
+            f"integrator is {method!r}; gradients need an explicit method without extrapolation, such as RK4()"
+        )
+    if model.compensated:
+        raise ValueError(f"precision is {model.precision!r}; gradients need 'float32' or 'float64'")
+    if missing := without_adjoint(of.stepping.assembly):
+        raise ValueError(f"the scene has {' and '.join(missing)}; gradients through these are not possible")
+    if "strain" in names and not any(isinstance(one, Actuator) for one in of.problem.loads):
+        raise ValueError("by has 'strain', that of actuators; there must be an Actuator among the loads")
+    if "damping" in names and model.laws.damper is None:
+        raise ValueError("by has 'damping', and no connection has a damper; some damping must be above 0")
+    for name in ("gravity", "mass"):
+        if name in names and callable(of.problem.gravity):
+            raise ValueError(f"by has {name!r}, and gravity is a function of time here; it must be constant")
+    if of.is_due(of.frame_index + count - 1):
+        raise ValueError(
+            f"schedule has a change at {of.due[0].time:g} s; gradients through it are not possible, so the "
+            f"{count} frames from {of.time:g} s must end before it, or begin after it"
+        )
+    return count, names
 
 
 def told_by(loss: Loss, frames: Frames) -> Any:

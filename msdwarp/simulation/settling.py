@@ -1,7 +1,7 @@
 """Settling: moves a system to static equilibrium by FIRE, much faster than damping stops its motion."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import LINEAR, System, scaled_parts
-from ..engine import Dynamics, assemble, rate_bounds, starting_state, weight
+from ..engine import Assembly, Dynamics, rate_bounds, starting_state, weight
 from ..integrators import SymplecticEuler, choose_stable
 from ..runtime import in_turn
-from ..world import Attachment, Collider, Load
+from ..world import Attachment, Collider, Load, Problem
 from .divergence_error import SimulationDiverged
 from .stepping import Stepping
 
@@ -69,32 +69,34 @@ class Settled(NamedTuple):
 
 @in_turn
 def settled(
-    system: System,
-    surroundings: Mapping[str, Any],
+    problem: Problem,
+    assemble: Callable[..., Assembly],
     *,
     tolerance: float | None,
     most: int,
     threads: int | str,
     time: float,
     safety: float = SAFETY,
-) -> tuple[System, Settled, dict[str, NDArray]]:
-    """Return (system at rest in equilibrium, result, its contacts), under the loads at a `time` [s].
+) -> tuple[Problem, Settled, dict[str, NDArray]]:
+    """Return (the problem at rest in equilibrium, result, its contacts), under the loads at a `time` [s].
 
-    `surroundings` are arguments of `assemble`. FIRE runs for at most `most` substeps, in float64 and without
-    dampers, since these do not change equilibria. See `Simulation.settle`.
+    `assemble` uploads a problem, with the options of the simulation. FIRE runs for at most `most` substeps, in
+    float64 and without dampers, since these do not change equilibria. See `Simulation.settle`.
     """
     tolerance = None if tolerance is None else checks.positive("tolerance", tolerance)
     most = checks.count("substeps", most, 1)
+    system = problem.system
     parts = scaled_parts(vars(system), 1.0, 0.0)
     still = np.zeros_like(system.velocity)
     undamped = system.replace(velocity=still, damping=0.0, damper=LINEAR, **parts)
-    at_rest = {
-        name: [held_at(f"{name}[{k}]", one, time) for k, one in enumerate(surroundings[name])]
-        for name in ("colliders", "loads")
-    }
-    assembly = assemble(
-        undamped, **{**surroundings, **at_rest, "precision": "float64", "probes": {}}, settles=True
+    at_rest = problem.replace(
+        system=undamped,
+        colliders=[held_at(f"colliders[{k}]", one, time) for k, one in enumerate(problem.colliders)],
+        loads=[held_at(f"loads[{k}]", one, time) for k, one in enumerate(problem.loads)],
+        contact=[replace(one, restitution=1.0) for one in problem.contact_rules],  # dampers would stop FIRE
+        probes={},
     )
+    assembly = assemble(at_rest, precision="float64", settles=True)
     fire = assembly.fire
     assert fire is not None
     method = SymplecticEuler()
@@ -121,7 +123,7 @@ def settled(
         if not stepping.advance(time):
             if safety > LEAST_SAFETY:
                 how: dict[str, Any] = {"tolerance": tolerance, "most": most, "threads": threads, "time": time}
-                return settled(system, surroundings, **how, safety=0.25 * safety)
+                return settled(problem, assemble, **how, safety=0.25 * safety)
             found = stepping.locate_divergence()
             raise SimulationDiverged(
                 f"settling diverged in substep {taken + found.substep}, at particle {found.particle}: a number is "
@@ -143,7 +145,7 @@ def settled(
     assert tolerance is not None
     changed = stepping.assembly.changed_fields()
     result = system.replace(position=stepping.frame(time).position, velocity=still, **changed)
-    return result, Settled(residual, tolerance, taken), assembly.contacts()
+    return problem.replace(system=result), Settled(residual, tolerance, taken), assembly.contacts()
 
 
 def check_near(system: System, position: NDArray) -> None:

@@ -2,58 +2,35 @@
 
 from __future__ import annotations
 
-import math
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Self
 
-import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Frame, System
-from ..engine import (
-    Blocks,
-    Dynamics,
-    assemble,
-    check_blocks,
-    starting_state,
-    warn_of_start,
-)
-from ..integrators import SAFETY, Integrator, StepChoice
-from ..runtime import completing, exclusive, in_turn
-from ..world import (
-    Change,
-    Collider,
-    Contact,
-    Gravity,
-    Load,
-    Probe,
-    Scene,
-    bound,
-    checked_probes,
-    gravity_at,
-    with_contact,
-)
+from ..engine import Blocks, Measures, assemble, measure, warn_of_start
+from ..integrators import SAFETY, Integrator
+from ..runtime import exclusive, in_turn
+from ..world import Change, Collider, Contact, Gravity, Load, Probe, Scene
 from . import checkpoint
-from .arguments import frame_count, in_order
-from .changing import Changing, check_supports, check_supports_contact
-from .divergence_error import divergence_of
-from .gradient import Differentiable
+from .arguments import GRAVITY, frame_count, problem_of
+from .frames import advance, change, settle
+from .properties import Present
 from .readings import Readings
+from .run import Run, check_supports
 from .settling import Settled
-from .stepping import Stepping
-from .substep_controller import StepControlFailed, StepController
-from .undoing import undoing
+from .substep_chooser import SubstepChooser
 
 
-class Simulation(Changing, Differentiable):
+class Simulation(Present):
     """Simulates a system frame by frame on a device. `Simulation.from_scene(scene)` makes one from a scene.
 
     Parameters
     ----------
     system
-        The bodies to simulate.
+        The bodies to simulate; or a `Scene`, as by `from_scene`, which has surroundings of its own.
     gravity
         Acceleration of free fall [m/s²]: a number of at least 0 (downwards along the last coordinate), a vector,
         or a function of time [s] that returns one of these, where a number may change sign. Gravity that depends
@@ -127,9 +104,9 @@ class Simulation(Changing, Differentiable):
     @in_turn
     def __init__(
         self,
-        system: System,
+        system: System | Scene,
         *,
-        gravity: Gravity = 9.82,
+        gravity: Gravity = GRAVITY,
         colliders: Sequence[Collider] = (),
         collider_rule: str = "coulomb",
         loads: Sequence[Load] = (),
@@ -150,33 +127,27 @@ class Simulation(Changing, Differentiable):
         probes: Mapping[str, Probe] | None = None,
         contact_forces: bool = False,
     ) -> None:
-        checks.instance("system", system, System, "chain(5); of a scene use Simulation.from_scene(scene)")
-        self._set_up_steps(integrator, fps, substeps, safety, allow_unstable, energy_limit)
-        for name, choice in {"refresh": refresh, "contact_forces": contact_forces}.items():
-            checks.one_of(name, choice, (False, True))
-        self._refresh = refresh and self._forced is None
-        self._given = with_contact(checks.sequence("loads", loads, Load, "Force((0, 0, 1))"), contact)
-        self._loads, self._gravity = bound(self._given, system), checks.as_now(gravity)
-        check_supports_contact(self._method, self._given)
-        check_supports(self._method, system)
-        self._schedule = in_order(schedule, system, self._loads)
-        colliders = checks.sequence("colliders", colliders, Collider, "Plane()")
-        self._surroundings: dict[str, Any] = {
-            "gravity": self._gravity,
-            "colliders": colliders,
-            "collider_rule": collider_rule,
-            "probes": checked_probes({} if probes is None else probes, system, colliders, self._given),
-            "device": device,
-            "precision": precision,
-            "force_algorithm": force_algorithm,
-            "contact_forces": contact_forces,
-            "shape": system.position,
-        }
-        self._colliders = self._surroundings["colliders"]
-        self._blocks: Blocks = blocks
-        self._threads, self._initial = threads, system
+        given = {"gravity": gravity, "colliders": colliders, "loads": loads, "contact": contact}
+        problem = problem_of("system", system, **given, schedule=schedule, probes=probes)
+        chooser = SubstepChooser(integrator, fps, substeps, safety, allow_unstable, refresh)
+        checks.one_of("contact_forces", contact_forces, (False, True))
+        check_supports(chooser.method, problem)
+        upload = partial(
+            assemble,
+            collider_rule=collider_rule,
+            contact_forces=contact_forces,
+            device=device,
+            precision=precision,
+            force_algorithm=force_algorithm,
+        )
+        self._run = Run(
+            problem.begun(), chooser, upload, energy_limit=energy_limit, blocks=blocks, threads=threads
+        )
         self.reset()
-        self._inside = warn_of_start(self.assembly, self._surroundings["colliders"])
+        self._run.inside = warn_of_start(self.assembly, self.colliders)
+        if isinstance(problem, Scene) and problem.settled:
+            self.start = self.settle()
+            self._run.start_here()
 
     @classmethod
     def from_scene(cls, scene: Scene, **options: Any) -> Self:
@@ -190,13 +161,7 @@ class Simulation(Changing, Differentiable):
             Other arguments of `Simulation`.
         """
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
-        names = ("gravity", "colliders", "loads", "contact", "schedule", "probes")
-        simulation = cls(scene.system, **{name: getattr(scene, name) for name in names}, **options)
-        if scene.settled:
-            simulation.start = simulation.settle()
-            simulation._initial, simulation._pressed = simulation.system, simulation.assembly.contacts()
-            simulation.reset()
-        return simulation
+        return cls(scene, **options)
 
     def __repr__(self) -> str:
         parts = f"{self.system.particle_count} particles, {self.system.connection_count} connections"
@@ -204,7 +169,7 @@ class Simulation(Changing, Differentiable):
         threads = f" with {self.threads} threads" if self.threads > 1 else ""
         return (
             f"<Simulation of {parts}{around}\n"
-            f"  {self._method!r}, {self.substeps} substeps a frame at {self.fps:g} frames a second\n"
+            f"  {self._run.chooser.method!r}, {self.substeps} substeps a frame at {self.fps:g} frames a second\n"
             f"  {self.model.precision} by {self.model.force_algorithm} on {self.device}{threads}\n"
             f"  at {self.time:.4g} s, frame {self.frame_index}>"
         )
@@ -212,42 +177,7 @@ class Simulation(Changing, Differentiable):
     @exclusive
     def reset(self) -> None:
         """Go back to time 0, with the initial state and parameters."""
-        with undoing(self):
-            self.frame_index = 0
-            self.readings = Readings(self._surroundings["probes"], self._initial.dim)
-            self._due, self._warned = list(self._schedule), set[type[Warning]]()
-            given = {"loads": self._loads, "gravity": self._gravity, "colliders": self._colliders}
-            self._surroundings, self._active_loads = {**self._surroundings, **given}, self._given
-            automatic = self._forced is None and math.isfinite(self._energy_limit)
-            self._step_controller = StepController() if automatic else None
-            self._load(self._initial)
-            self._press(self._pressed)
-            self.substep_history: list[tuple[float, int]] = [(0.0, self.substeps)]
-            """Pairs of a time [s] and the substeps per frame from this time on."""
-
-    def _load(self, system: System, choice: StepChoice | None = None, arrays: Any = None) -> None:
-        """Upload a system, with a checkpoint's `arrays`, if any; advance by given or newly chosen substeps."""
-        assembly, controller = assemble(system, **self._surroundings), self._step_controller
-        if self.time > 0.0:
-            assembly.take_over(self.assembly, self.state.x, self.state.v, arrays)
-        check_blocks(self._blocks, on_gpu=assembly.model.device.is_cuda)
-        state = starting_state(system, assembly, self._method.method_state, self.time, self.fps)
-        refinement, above = 1.0, 0.0
-        if controller is not None and controller.scale > 0:
-            refinement, above = controller.refinement, controller.above_floor(self.stepping)
-        choice = choice or self._stable_choice(assembly, state).refined(refinement)
-        self.stepping = Stepping(
-            Dynamics(assembly, self._threads),
-            state,
-            self._method,
-            [choice],
-            energy_limit=self._energy_limit,
-            blocks=self._blocks,
-            watch_energy=controller is not None,
-            time=self.time,
-        )
-        if controller is not None:
-            controller.begin(self.stepping, above)
+        self._run.begin()
 
     @exclusive
     def step(self, frames: int = 1) -> None:
@@ -268,64 +198,7 @@ class Simulation(Changing, Differentiable):
             automatic ones if the energy has risen by rounding errors, if cells of a body stay inside out, or
             if a body with a Poisson's ratio below that of springs is strained so much that it may stay distorted.
         """
-        count = checks.count("frames", frames, 1)
-        with completing() as interrupted:
-            try:
-                for left in reversed(range(count)):
-                    self._step(left > 0)
-                    if interrupted:
-                        break
-            finally:  # after an exception or an interrupt, the next frame may have been launched
-                self.stepping.discard_ahead()
-                if self.stepping.end > self.time:  # of a signal, before the frame was counted
-                    self._count_frame()
-
-    def _step(self, continues: bool) -> None:
-        """Advance by a frame; `continues`: another frame follows immediately."""
-        while self._due and self._due[0].is_due(self.frame_index, self.fps):
-            self._apply_scheduled_change()
-        if self._refresh or self._functions_changed():
-            self._update_choice()
-        due = self._due and self._due[0].is_due(self.frame_index + 1, self.fps)
-        interrupted = due or self._refresh or self._looks_at(self.frame_index + 1)
-        self._advance((self.frame_index + 1) / self.fps if continues and not interrupted else None)
-        self._count_frame()
-
-    def _count_frame(self) -> None:
-        """Count the frame that has been taken."""
-        if self.substeps != self.substep_history[-1][1]:
-            self.substep_history.append((self.time, self.substeps))
-        self.frame_index += 1
-        if self.readings:
-            self.readings.add(self.time, 1.0 / self.fps, self.stepping.readings())
-        found = {} if self._step_controller is None else self._step_controller.warnings
-        for kind in found.keys() - self._warned:
-            self._warned.add(kind)
-            warnings.warn(f"up to {self.time:.4g} s {found[kind]}", kind, stacklevel=7)
-
-    def _advance(self, next_time: float | None) -> None:
-        """Advance by a frame; `next_time` [s] is as for `Stepping.advance`."""
-        if self._step_controller is None:
-            if not self.stepping.advance(self.time, next_time):
-                raise divergence_of(self, self._method, self._inside)
-            return
-        try:
-            self.stepping = self._step_controller.advance(self.stepping, self.time, self._stable_choice, next_time)
-        except StepControlFailed as failure:
-            raise divergence_of(self, self._method, self._inside, failure) from None
-
-    def _stable_choice(self, *of: Any) -> StepChoice:
-        """Return the substeps for an assembly and a state, by default the current ones; or raise UnstableStep."""
-        assembly, state = of or (self.assembly, self.state)
-        return self._choose(self._rates(assembly, state)[0], assembly, state)
-
-    def _update_choice(self) -> None:
-        """Choose the substeps for the current state."""
-        choice = self._stable_choice()
-        if self._step_controller is not None:
-            self.stepping = self._step_controller.follow(self.stepping, choice)
-        elif choice.substeps != self.substeps:
-            self.stepping = self.stepping.with_choice(choice)
+        advance(self._run, checks.count("frames", frames, 1))
 
     def frames(self, duration: float) -> Iterator[Frame]:
         """Return an iterator over the current frame and every frame of the next `duration` seconds.
@@ -349,14 +222,7 @@ class Simulation(Changing, Differentiable):
     @in_turn
     def checkpoint(self) -> tuple[dict[str, NDArray], dict[str, Any]]:
         """Return arrays, and values, from which `restore` continues this frame bit for bit."""
-        arrays, numbers = checkpoint.saved(self.stepping)
-        arrays |= checkpoint.saved_drives(self._loads, self.model)
-        own = {"frame_index": self.frame_index, "changes": len(self._schedule) - len(self._due), "fps": self.fps}
-        gravity = self._surroundings["gravity"]
-        if gravity is not self._gravity and not callable(gravity):
-            own["gravity"] = np.asarray(gravity, dtype=float).tolist()
-        own |= {"integrator": repr(self._method), "chosen": [list(one) for one in self.substep_history]}
-        return arrays, own | numbers | (self._step_controller.saved() if self._step_controller is not None else {})
+        return checkpoint.saved_run(self._run)
 
     @exclusive
     def restore(self, arrays: Mapping[str, NDArray], numbers: Mapping[str, Any]) -> None:
@@ -367,34 +233,166 @@ class Simulation(Changing, Differentiable):
         ValueError
             If the checkpoint is of another system, precision, frame rate or integrator. Nothing changes then.
         """
-        checkpoint.check_same(numbers, fps=self.fps, integrator=repr(self._method))
-        frame_index, changes, chosen = checkpoint.restored_progress(numbers)
-        system = checkpoint.restored_system(self._initial, arrays)
-        choice = checkpoint.restored_choice(numbers, self.fps)
-        controller = self._step_controller and StepController.restored(numbers)
-        baseline = checkpoint.restored_baseline(numbers)
-        gravity = checkpoint.restored_gravity(numbers, self._gravity, self._schedule[:changes], system.dim)
-        gravity_at(gravity, np.zeros(1), system.dim, "gravity of the checkpoint")
-        loads = checkpoint.restored_loads(self._loads, system, arrays)
-        reusable = self._step_controller is None and self.frame_index == 0
-        reusable = reusable and system is self.system and choice == self.choice
-        reusable = reusable and loads is self._surroundings["loads"] and gravity is self._surroundings["gravity"]
-        with undoing(self):
-            self._surroundings = self._surroundings | {"loads": loads, "gravity": gravity}
-            self._active_loads = self._given
-            self._step_controller = self._step_controller and StepController()
-            self.frame_index = frame_index
-            self.readings = Readings(self._surroundings["probes"], system.dim)
-            if not reusable:  # in a sweep, an upload for each world would take as long as a new simulation
-                self._load(system, choice, arrays)
-            checkpoint.check_arrays(self.stepping, arrays)
-            self.stepping.begin_at(self.time)
-            self._due = self._schedule[changes:]
-            checkpoint.restore_arrays(self.stepping, arrays)
-            for effect in self.assembly.all:
-                effect.make_room(self.state.x, self.state.v)
-            self.substep_history = chosen or [(0.0, self.substeps)]
-            if baseline is not None:
-                self.stepping.watch.compare_with(baseline)
-            if controller is not None:  # older checkpoints have no controller: it starts here
-                self._step_controller = controller
+        checkpoint.restore_run(self._run, arrays, numbers)
+
+    @exclusive
+    def change(
+        self,
+        *,
+        group: Any = None,
+        set_rest_shape: bool = False,
+        unpin: Any = None,
+        gravity: Gravity | None = None,
+        loads: Sequence[Load] | None = None,
+        contact: Contact | Sequence[Contact] | None = None,
+        colliders: Sequence[Collider] | None = None,
+        **parameters: Any,
+    ) -> None:
+        """Change gravity, loads, contact, colliders, velocities, mass, stiffness, damping or rest_length.
+
+        A mass of inf pins a particle. A new velocity may add energy, which does not count as divergence. Automatic
+        substeps and the automatic algorithm are chosen again.
+
+        *Cost.* A new constant gravity takes about a millisecond, and so do loads if only their values change (the
+        vector of a `Force`, the velocity and coefficients of `Wind`). New velocities are copied; with `Wind` the
+        stability limit is also recomputed. The first damper, the first pinned particle and many more kinds of
+        connections each need a new kernel, which is compiled when first used.
+
+        Parameters
+        ----------
+        loads
+            All loads from now on. Previous loads among them continue unchanged. New loads start from the
+            current state. Contact between bodies stays the same, unless `loads` has a `Contact`. Checkpoints do
+            not include loads.
+        contact
+            Contact between bodies from now on; () turns it off. Checkpoints do not include it.
+        colliders
+            All obstacles from now on, such as the same obstacles with another friction. Checkpoints do not include
+            them.
+        group, set_rest_shape, unpin, gravity, parameters
+            See `msdwarp.at`.
+
+        Raises
+        ------
+        ValueError
+            If a name is unknown, or a value is out of range. Nothing changes then.
+
+        Warns
+        -----
+        StartWarning
+            If one of `colliders` is in the middle of a body, which would leave it on opposite sides.
+        """
+        made = Change(self.time, group, set_rest_shape, parameters, unpin, gravity)
+        change(self._run, made, colliders, loads, contact)
+
+    @exclusive
+    def settle(self, tolerance: float | None = None, *, substeps: int = 200_000) -> Settled:
+        """Move the system to static equilibrium, where it stays at rest; the time does not change.
+
+        Fast inertial relaxation (FIRE; see `msdwarp.kernels.integrators.fire`) finds a minimum of the energy under
+        the current loads, contact and obstacles, many times faster than damping stops motion. Functions of time
+        keep their current values. What overlaps is moved apart first. Velocities are 0 afterwards. If friction or
+        several minima allow several equilibria, the result is the first that is reached. Automatic substeps are
+        chosen again.
+
+        Parameters
+        ----------
+        tolerance
+            Largest force that may remain on a free particle [N]. By default a thousandth of the mean weight of a
+            particle, or without gravity 1e-4 of the largest force at the start.
+        substeps
+            Maximal number of substeps. What overlaps is moved apart in any case.
+
+        Returns
+        -------
+        found
+            The remaining force, the tolerance, the number of substeps, and whether the result has `converged`.
+
+        Warns
+        -----
+        SettleWarning
+            If the remaining force is above the tolerance.
+
+        Raises
+        ------
+        ValueError
+            If an argument is out of range, the system has no springs, or a part of it falls freely.
+        SimulationDiverged
+            If a number is no longer finite. Nothing changes then, as for a ValueError.
+        """
+        return settle(self._run, tolerance, substeps)
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """The loads on the system, as given."""
+        return self._run.problem.loads_as_given
+
+    @property
+    def colliders(self) -> tuple[Collider, ...]:
+        """The obstacles."""
+        return tuple(self._run.problem.colliders)
+
+    @property
+    def gravity(self) -> Gravity:
+        """Acceleration of free fall [m/s²], as given."""
+        return self._run.problem.gravity
+
+    @property
+    def readings(self) -> Readings:
+        """Readings of the probes so far, by name: `times, values = simulation.readings["foot"]`."""
+        return self._run.readings
+
+    @property
+    def substep_history(self) -> list[tuple[float, int]]:
+        """Pairs of a time [s] and the substeps per frame from this time on."""
+        return self._run.substep_history
+
+    @property
+    def system(self) -> System:
+        """The system as last uploaded, at the start or at the last change."""
+        return self.stepping.model.system
+
+    @property
+    def threads(self) -> int:
+        """Number of CPU threads; 1 on a GPU."""
+        return self.stepping.dynamics.threads
+
+    @in_turn
+    def measure(self) -> Measures:
+        """Return energies, momentum, strain and the number of inverted cells of the current state."""
+        found = measure(self.assembly, self.state, self.stepping.velocity(), self.state.compensation.x)
+        return found._replace(inverted=int(self._run.inverted()[0]))
+
+    @property
+    def rest_length(self) -> NDArray:
+        """Current rest lengths of the connections [m], including plastic deformation."""
+        return self.assembly.changed_fields().get("rest_length", self.system.rest_length)
+
+    @property
+    def held_back(self) -> float:
+        """Largest distance by which contact held a particle back in a substep of the last frame, or 0 [m].
+
+        If impulses between bodies do not suffice, displacements are shortened; velocities are only if any particle
+        is pinned.
+        """
+        return float(self._run.held_back()[0])
+
+    @in_turn
+    def contact_force(self) -> NDArray:
+        """Return the force of obstacles and other bodies on each particle [N], shape [particle_count, d].
+
+        The mean over the last frame: the sum of contact impulses, divided by the frame's duration. It is 0 before
+        the first frame, and after `settle` or another change that uploads the system again. Obstacles do not push
+        pinned or driven particles.
+
+        Raises
+        ------
+        ValueError
+            If the simulation was made without `contact_forces=True` and without a probe of contact forces.
+        """
+        return self._run.contact_force()
+
+    @in_turn
+    def snapshot(self) -> System:
+        """Return the system with its current positions, velocities and parameters."""
+        return self._run.snapshot()

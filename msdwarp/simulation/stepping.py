@@ -38,7 +38,6 @@ from ..world import FRAME, SUBSTEP, Load, MouseSpring
 from .divergence_error import Divergence
 from .pinned_staging import PinnedStaging, to_host
 from .track import Track, Tracks, can_judge_late
-from .undoing import undoing_in_place
 
 
 class Stepping:
@@ -51,10 +50,9 @@ class Stepping:
     entry for equal worlds; all worlds use the largest number, `choice`, to which `integrator` is fitted. For
     `energy_limit` and `blocks` see `Simulation`; in an ensemble `blocks` is the number of threads per world. With
     `watch_energy` a `StepController` reads the energy balance of frames. `baseline` is the reference for energies,
-    by default the energy of `state`, at `time` [s]. `frozen` are the worlds that have stopped before.
-
-    `frozen` freezes worlds; it is None outside of ensembles. `contact_forces` sums the contact forces of a frame;
-    None if no probe or caller needs them. With `still`, functions of time keep their values at a frame's start.
+    by default the energy of `state`, at `time` [s]. With `still`, functions of time keep their values at a frame's
+    start. `frozen` are the worlds that have stopped before; None outside of ensembles. `contact_forces` sums the
+    contact forces of a frame; None if no probe or caller needs them.
     """
 
     def __init__(
@@ -75,12 +73,11 @@ class Stepping:
         self.dynamics, self.assembly, self.model = dynamics, dynamics.assembly, dynamics.model
         self.state, self.choices = state, choices
         choice = self.choice = max(choices, key=lambda one: (one.substeps, one.rates.stiffness))
-        self._options = {"method": method, "energy_limit": energy_limit, "blocks": blocks}
-        self._options |= {"watch_energy": watch_energy, "still": still}
+        how = {"energy_limit": energy_limit, "blocks": blocks, "watch_energy": watch_energy, "still": still}
+        self._again = partial(type(self), dynamics, state, method, **how)
         self.integrator = method.fitted(Rates.all_within([one.rates for one in choices]), choice.step)
         self._time, self._frame_start, own = time, time, self.integrator
-        stages = own.stage_times, own.weights, own.lag, own.lagging
-        self._steps = Steps(choice.fps, choice.substeps, *stages, still)
+        self._steps = Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging, still)
         dynamics.begin(self._steps)
         dynamics.hold(time)
         self._staging = PinnedStaging()
@@ -103,7 +100,7 @@ class Stepping:
         several = (self.assembly, self.watch, dynamics.frozen, frozen)
         self.frozen = FrozenWorlds(*several) if self.model.in_worlds else None
         self.model.kernels.compile()
-        others = self.frozen.changing if self.frozen is not None else ()
+        others = () if self.frozen is None else self.frozen.changing
         self._tracks = Tracks(self.assembly, state, self.velocities, others=others)
         self._launch_substeps: Callable[[int, int], None] = self.stepper.take
         self._balance_graph: Any = None
@@ -130,17 +127,23 @@ class Stepping:
     def with_choice(self, *choices: StepChoice) -> Self:
         """Return a `Stepping` with other substeps, which replaces this one and continues from its state."""
         own, choice = self.integrator, max(choices, key=lambda one: one.substeps)
-        with undoing_in_place(self):
+        with self.undoing():
             if own.staggered or not self.at_start:
                 most = own.lag * choice.limit if choice.limit > 0 else math.inf
                 self.velocities.change_lag(own.lag * choice.step, most)
-            options = self._options | {"baseline": self.watch.baseline, "time": self._time, "frozen": self.frozen}
-            return type(self)(self.dynamics, self.state, choices=choices, **options)
+            return self._again(choices, baseline=self.watch.baseline, time=self._time, frozen=self.frozen)
 
-    def keep(self) -> None:
-        """Have `go_back` return to the present state."""
+    @contextmanager
+    def undoing(self) -> Iterator[None]:
+        """Go back to the present state and baseline if a block that writes to the arrays fails."""
         self._tracks.current.keep()
-        self._frame_start = self._time
+        baseline, self._frame_start = self.watch.baseline, self._time
+        try:
+            yield
+        except BaseException:  # of a function of time, or of a signal's handler
+            self.watch.compare_with(baseline)
+            self.go_back()
+            raise
 
     @property
     def at_start(self) -> bool:
@@ -338,7 +341,7 @@ class Stepping:
     def _measure_substep(self, substep: int) -> None:
         """Launch the probes that measure at the end of each substep."""
         assert self._substep_sensors is not None
-        with self.dynamics.measuring(substep):
+        with self.dynamics.measuring():
             v = self.velocity() if self._substep_sensors.moves else self.state.v
             self._substep_sensors.launch(v, substep)
 

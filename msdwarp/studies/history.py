@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..bodies import AXES, LINEAR_SPRING, System, broken_before, counted
 from ..engine import Assembly, Measures, Model, State, assemble, measure
 from ..files import Trajectory
-from ..world import Change
+from ..world import Change, Problem
 from .plots import BLUE, DARK, GREEN, RED, draw_curves, draw_energies, new_figure, output_path, save_figure
 from .table import COLUMNS, GrowingTable
 
@@ -57,7 +57,8 @@ def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Chan
     for k in range(len(trajectory)):
         system, changes = system_in(trajectory, k, schedule), len(changes_made(trajectory, k, schedule))
         if assembly is None or changes > made:
-            assembly, made = assemble(system, gravity=gravity, device="cpu", precision="float64"), changes
+            problem, made = Problem(system=system, gravity=gravity), changes
+            assembly = assemble(problem, device="cpu", precision="float64")
         elif assembly.model.system.yields:
             assembly.model.rest_length.assign(assembly.model.ordered(system.rest_length))
         if assembly.fracture is not None:

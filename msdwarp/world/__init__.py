@@ -3,7 +3,7 @@
 from .actuators import Actuator
 from .attachments import Attachment, MouseSpring as MouseSpring
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
-from .contact import Contact, with_contact
+from .contact import Contact
 from .drives import Driven, PrescribedMotion, bound, driven_particles
 from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
 from .loads import ElementLoad, Force, Load, check_loads, differ_in_values, is_device_function
@@ -27,6 +27,7 @@ from .probes import (
     probe_columns,
     probes_by,
 )
+from .problem import Problem
 from .scene import Scene, observed_values
 from .schedule import Change, at
 from .stored_scene import known_until, scene_as_stored, scene_from_stored

@@ -6,6 +6,7 @@ a shape is thick, the particle's path is swept (`msdwarp.kernels.colliders.sweep
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -311,3 +312,18 @@ def _words(value: Any) -> str:
     if callable(value):
         return getattr(value, "__name__", type(value).__name__)
     return repr(tuple(value) if isinstance(value, list) else value)
+
+
+def check_colliders(colliders: Sequence[Collider], dim: int) -> None:
+    """Raise ValueError, which names the obstacle, if one cannot be in a space of `dim` coordinates."""
+    kinds = Plane, Sphere, Box, Capsule, Cone
+    for k, one in enumerate(colliders):
+        if type(one) not in kinds:
+            names = ", ".join(kind.__name__ for kind in kinds)
+            raise ValueError(f"colliders[{k}] is {checks.repr_short(one)}; it must be a {names}")
+        if wrong := one.fits(dim):
+            raise ValueError(f"colliders[{k}].{wrong}")
+        try:
+            one.pose(0.0, dim)
+        except Exception as error:  # of its motion, before anything runs
+            raise ValueError(f"colliders[{k}] has no place at 0 s: {checks.message(error)}") from error

@@ -1,7 +1,7 @@
 """Contact: rules for contact between bodies."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -127,26 +127,3 @@ def restitution_of(damping_ratio: float) -> float:
         return math.exp(-z * t) * abs(math.cos(w * t) - z / w * math.sin(w * t))
     t = math.log((2 * z * (z + w) - 1) / (2 * z * (z - w) - 1)) / (2 * w)
     return math.exp(-z * t) * abs(math.cosh(w * t) - z / w * math.sinh(w * t))
-
-
-class Ruled(tuple[Load, ...]):
-    """Loads from `with_contact`; each `Contact` among them came from the argument `contact`."""
-
-
-def with_contact(loads: Sequence[Load], contact: Contact | Sequence[Contact] | None) -> Ruled:
-    """Return loads without their contact rules, followed by the rules in `contact`.
-
-    Raises ValueError if a load is a bare `Load`, or a `Contact` that was not given as `contact`.
-    """
-    for k, one in enumerate(loads):
-        if type(one) is Load:
-            raise ValueError(f"loads[{k}] is a Load, which does nothing; it must be one such as Force((0, 0, 1))")
-        if contact is None and isinstance(one, Contact) and not isinstance(loads, Ruled):
-            raise ValueError(
-                f"loads[{k}] is a Contact; rules of contact are given by contact, such as contact=Contact()"
-            )
-    given = () if contact is None else (contact,) if isinstance(contact, Contact) else contact
-    if isinstance(contact, bool):
-        raise ValueError(f"contact is {contact}; it must be a Contact, such as Contact(), several, or None")
-    rules = checks.sequence("contact", given, Contact, "Contact(friction=0.5)")
-    return Ruled((*(one for one in loads if not isinstance(one, Contact)), *rules))

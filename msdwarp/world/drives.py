@@ -95,15 +95,25 @@ class Driven(PrescribedMotion):
     def keeping(self, kept: NDArray[np.bool_]) -> "Driven":
         """Return this drive without particles outside a mask of shape [particle_count]."""
         still = kept[self.held]
-        return replace(self, held=self.held[still], start=self.start[still])
+        return binding(self.given or self, replace(self, held=self.held[still], start=self.start[still]))
+
+
+def binding(given: Load, bound: Load) -> Any:
+    """Return a bound load that knows the one that was given."""
+    if bound is not given:
+        object.__setattr__(bound, "given", given)
+    return bound
 
 
 def bound(loads: Sequence[Load], system: System) -> tuple[Load, ...]:
-    """Return loads bound to a system's initial state; raise ValueError if two drives hold the same particle."""
+    """Return loads bound to a system's initial state, as those stay that are bound already.
+
+    Raises ValueError if two drives hold the same particle.
+    """
     result, owner = list(loads), np.full(system.particle_count, -1)
     for k, one in enumerate(loads):
         try:
-            drive = result[k] = one.bound(system)
+            drive = result[k] = one if one.given is not None else binding(one, one.bound(system))
         except ValueError as error:
             raise ValueError(f"loads[{k}].{error}") from error
         if not isinstance(drive, Driven):

@@ -34,6 +34,8 @@ class Load:
     """Fields in which a load must equal one that replaces it between frames; if empty, none can replace it."""
     of_start: ClassVar[bool] = False
     """Whether `bound` takes values from the positions of the start, which worlds must then share."""
+    given: ClassVar["Load | None"] = None
+    """The load of which this is the `bound` one, as the user gave it; None if it is not bound."""
 
     def __repr__(self) -> str:
         required, others = [], []

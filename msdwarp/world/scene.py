@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System, counted, headline
-from .colliders import Collider, Plane
-from .contact import Contact, Ruled, with_contact
-from .drives import PrescribedMotion, bound
-from .gravity import Gravity, gravity_at, gravity_in_words
-from .loads import Load, check_loads
+from ..bodies import counted, headline
+from .colliders import Plane
+from .drives import PrescribedMotion
+from .gravity import gravity_in_words
 from .look import Look
-from .probes import Probe, checked_probes
-from .schedule import Change
+from .problem import Problem
 
 Observed = Callable[[NDArray, NDArray], NDArray]
 """A function of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
@@ -27,7 +24,7 @@ _SHOWN = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class Scene(Problem):
     """Bodies and their surroundings, the simulated time, and how to draw them.
 
     Parameters
@@ -60,6 +57,9 @@ class Scene:
         `msdwarp run` prints them at the end, `msdwarp sweep` stores them.
     settled
         Whether a simulation starts from static equilibrium under the loads at the start: see `Simulation.settle`.
+    shape
+        Positions by which surfaces for contact are made [m], shape [particle_count, d], if the bodies start
+        deformed, as by `Simulation.snapshot`; by default those of `system`.
 
     Raises
     ------
@@ -67,45 +67,20 @@ class Scene:
         If an argument has the wrong number of coordinates, or there is nothing to draw.
     """
 
-    system: System
-    colliders: Sequence[Collider] = ()
-    loads: Sequence[Load] = ()
-    contact: Contact | Sequence[Contact] | None = None
-    gravity: Gravity = 9.82
     duration: float = 4.0
     look: Look = field(default_factory=Look)
     looks: Mapping[str, Look] = field(default_factory=dict)
-    schedule: Sequence[Change] = ()
-    probes: Mapping[str, Probe] = field(default_factory=dict)
     observe: Mapping[str, Observed] = field(default_factory=dict)
     settled: bool = False
 
     def __post_init__(self) -> None:
-        checks.instance("system", self.system, System, "chain(5)")
-        kinds = (
-            ("colliders", Collider, "Plane()"),
-            ("loads", Load, "Force((0, 0, 1))"),
-            ("schedule", Change, "at(1.0, mass=2.0)"),
-        )
-        for name, kind, example in kinds:
-            if not isinstance(getattr(self, name), Ruled):  # checked already in the original scene
-                object.__setattr__(self, name, checks.sequence(name, getattr(self, name), kind, example))
-        object.__setattr__(self, "loads", with_contact(self.loads, self.contact))
-        dim = self.system.dim
-        for k, one in enumerate(self.colliders):
-            if wrong := one.fits(dim):
-                raise ValueError(f"colliders[{k}].{wrong}")
-        check_loads(self.loads, self.system)
-        bound(self.loads, self.system)
-        object.__setattr__(self, "gravity", checks.as_now(self.gravity))
-        gravity_at(self.gravity, np.zeros(1), dim)
+        super().__post_init__()
         checks.positive("duration", self.duration)
         checks.one_of("settled", self.settled, (False, True))
         checks.instance("look", self.look, Look, "Look(color='#d9603b')")
         if self.look.follow is not None:
             checks.one_of("look.follow", self.look.follow, self.system.groups)
         object.__setattr__(self, "looks", self._checked_looks())
-        object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders, self.loads))
         object.__setattr__(self, "observe", dict(checks.mapping("observe", self.observe)))
         for name, one in self.observe.items():
             checks.instance("a name in observe", name, str, "'faces'")
@@ -144,16 +119,6 @@ class Scene:
         if self.probes:
             lines.append(f"probes: {', '.join(f'{name} {one!r}' for name, one in self.probes.items())}")
         return "\n  ".join(lines)
-
-    def replace(self, **changes: Any) -> Self:
-        """Return this scene with some fields changed, and checked as in a new scene.
-
-        Raises ValueError as the class does, and TypeError for an unknown field.
-        """
-        for name in changes:
-            if name not in vars(self):
-                raise TypeError(f"Scene.replace() got an unexpected keyword argument {name!r}")
-        return replace(self, **changes)
 
     def observed(self, position: NDArray, velocity: NDArray) -> dict[str, NDArray]:
         """Return the quantities of `observe` for one world; both arguments have shape [particle_count, d].

@@ -21,6 +21,7 @@ from msdwarp import (
 )
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.stepping.assemble import assemble
+from msdwarp.world import Problem
 
 K, LENGTH, SWING, OMEGA = 8.0, 0.5, 0.2, 3.0
 """Stiffness [N/m] and rest length [m] of a spring, its muscle's largest strain, and how fast it swings [rad/s]."""
@@ -217,13 +218,13 @@ def test_a_muscle_follows_a_change_of_what_it_pulls_with(plain_device):
 def test_the_bound_is_that_of_the_most_contracted_body(plain_device, strain):
     body, how = jelly(), {"device": plain_device, "precision": "float64"}
     short = body.replace(rest_length=0.7 * body.rest_length)
-    found = rate_bounds(body, assemble(body, loads=[Actuator(strain)], **how))
-    expected = rate_bounds(short, assemble(short, **how))
+    found = rate_bounds(body, assemble(Problem(system=body, loads=[Actuator(strain)]), **how))
+    expected = rate_bounds(short, assemble(Problem(system=short), **how))
     # At 60 looks a second the least of the cosine is found to (2/120)²/2 · 0.15.
     assert found.stiffness == pytest.approx(expected.stiffness, rel=1e-12 if strain == -0.3 else 1e-4)
-    plain = rate_bounds(body, assemble(body, **how))
+    plain = rate_bounds(body, assemble(Problem(system=body), **how))
     assert expected.stiffness > 1.2 * plain.stiffness
-    longer = rate_bounds(body, assemble(body, loads=[Actuator(0.5)], **how))
+    longer = rate_bounds(body, assemble(Problem(system=body, loads=[Actuator(0.5)]), **how))
     assert longer.stiffness == pytest.approx(plain.stiffness, rel=1e-14)  # atomics add in any order
 
 

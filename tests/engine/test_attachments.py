@@ -11,6 +11,7 @@ import msdwarp as msd
 from msdwarp import RK4, Attachment, Box, Leapfrog, Simulation, Sphere, System, box
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.stepping.assemble import assemble
+from msdwarp.world import Problem
 
 K, OMEGA = 36.0, 6.0
 """Stiffness [N/m] and frequency [rad/s] of 1 kg on it."""
@@ -135,7 +136,9 @@ def test_to_a_collider_means_where_particles_are(device):
 def test_the_bound_knows_attachments(plain_device):
     # An attached particle swings with k/m, which is the bound: other springs double it.
     loads = [Attachment([0], stiffness=K, damping=3.0), Attachment([0], stiffness=K)]
-    rates = rate_bounds(one(), assemble(one(), loads=loads, device=plain_device, precision="float64"))
+    rates = rate_bounds(
+        one(), assemble(Problem(system=one(), loads=loads), device=plain_device, precision="float64")
+    )
     assert rates.stiffness == pytest.approx(2 * K, rel=8 * EPS64)
     assert rates.damping == pytest.approx(3.0, rel=8 * EPS64)
     # Near its limit of 2/ω a step is stable, beyond it is refused.

@@ -29,14 +29,15 @@ from msdwarp.kernels.integrators.composition import Composition
 from msdwarp.kernels.integrators.euler import symplectic_euler
 from msdwarp.kernels.integrators.persistent import persistent
 from msdwarp.kernels.integrators.stages import each_connection, each_particle
+from msdwarp.world import Problem
 
 PLAIN = chain(3)
 FULL = chain(3, damping=1.0).pin(0)
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 
 
-def motion(system: System, **options) -> Composition:
-    return Dynamics(assemble(system, device="cpu", **options)).composition
+def motion(system: System, colliders=(), **options) -> Composition:
+    return Dynamics(assemble(Problem(system=system, colliders=colliders), device="cpu", **options)).composition
 
 
 def generated(kernel: wp.Kernel) -> str:

@@ -12,6 +12,7 @@ from msdwarp.engine.springs import force_algorithms as forces
 from msdwarp.engine.springs.force_algorithms import find_kinds
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
+from msdwarp.world import Problem
 
 # Algorithms are compared from wherever bodies start, in the floor too.
 pytestmark = pytest.mark.filterwarnings("ignore::msdwarp.StartWarning")
@@ -78,7 +79,9 @@ def arrays(data) -> dict[str, wp.array]:
 
 def read_beside_the_state(force_algorithm: str, system: System) -> dict[str, wp.array]:
     """Return the arrays that a route's kernels read beside positions and velocities."""
-    return arrays(Dynamics(assemble(system, device="cpu", force_algorithm=force_algorithm)).scene.forces)
+    return arrays(
+        Dynamics(assemble(Problem(system=system), device="cpu", force_algorithm=force_algorithm)).scene.forces
+    )
 
 
 LISTS = {"scatter": {"f", "connections"}, "gather": {"first", "other"}}

@@ -17,6 +17,7 @@ from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
 from msdwarp.kernels.basis import vector
 from msdwarp.kernels.effect import ForceTerm, instant
+from msdwarp.world import Problem
 
 K = 36.0
 """Stiffness of the anchors [N/m]."""
@@ -67,7 +68,7 @@ class Anchors(Effect):
 @pytest.fixture
 def with_anchors(monkeypatch):
     """Have every scene anchored."""
-    monkeypatch.setattr(effects, "EFFECTS", [*effects.EFFECTS, lambda model, around: Anchors(model)])
+    monkeypatch.setattr(effects, "EFFECTS", [*effects.EFFECTS, lambda model, *_: Anchors(model)])
 
 
 def start(dim: int) -> System:
@@ -147,7 +148,7 @@ def test_energy_counts_what_it_stores(with_anchors, device):
 
 def test_the_step_bears_it(with_anchors, device):
     # k/m of the light particles is 36 s⁻²; the bound may be twice that.
-    model = assemble(start(3), device=device, precision="float64")
+    model = assemble(Problem(system=start(3)), device=device, precision="float64")
     assert K <= rate_bounds(start(3), model).stiffness <= 2 * K * (1 + 4 * EPS64)
 
 
@@ -165,7 +166,7 @@ def test_gradients_refuse_it_by_name(with_anchors):
 
 
 def test_a_scene_without_it_has_nothing_of_it():
-    plain = Dynamics(assemble(chain(3), device="cpu"))
+    plain = Dynamics(assemble(Problem(system=chain(3)), device="cpu"))
     assert plain.composition.pieces == ()
     assert "anchors" not in {name for name, *_ in plain.scene._cls.vars.items()}
     assert math.isfinite(rate_bounds(chain(3)).stiffness)

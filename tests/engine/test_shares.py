@@ -28,6 +28,7 @@ from msdwarp import (
 from msdwarp.engine.collision.body_contact import BodyContact
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.cpu_partition import LEAST_SHARE, THREADS, PartitionedGraph, threads_for
+from msdwarp.world import Problem
 
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
 BODY = box((5, 4, 6), stiffness=1000.0, damping=2.0).translate((0, 0, 2.5))
@@ -149,7 +150,7 @@ def test_threads_share_contacts(name):
 
 
 def model(shape):
-    return assemble(box(shape, stiffness=100.0), device="cpu")
+    return assemble(Problem(system=box(shape, stiffness=100.0)), device="cpu")
 
 
 def test_automatic_threads_go_by_the_body(monkeypatch):
@@ -162,10 +163,12 @@ def test_automatic_threads_go_by_the_body(monkeypatch):
     assert threads_for(model((20, 20, 20)), "auto") == 4
     small = box((10, 9, 10), stiffness=100.0)
     assert LEAST_SHARE < small.connection_count < 2 * LEAST_SHARE
-    assert threads_for(assemble(small, device="cpu"), "auto") == 1
-    assert threads_for(assemble(small, loads=[Contact()], device="cpu"), "auto") == 2  # its points are shared, too
+    assert threads_for(assemble(Problem(system=small), device="cpu"), "auto") == 1
+    assert (
+        threads_for(assemble(Problem(system=small, contact=Contact()), device="cpu"), "auto") == 2
+    )  # its points are shared, too
     flowing = small.replace(yield_strain=0.1, relaxation_time=0.1)
-    assert threads_for(assemble(flowing, loads=[Contact()], device="cpu"), "auto") == 1
+    assert threads_for(assemble(Problem(system=flowing, contact=Contact()), device="cpu"), "auto") == 1
     monkeypatch.setenv(THREADS, "3")
     assert threads_for(model((20, 20, 20)), "auto") == 3
     assert threads_for(model((3, 3, 3)), 5) == 5  # asked for

@@ -9,8 +9,9 @@ from msdwarp import Contact, Plane, Simulation, ball, box
 from msdwarp.engine.stepping import pace
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.pace import Pace
+from msdwarp.world import Problem
 
-ASSEMBLY = assemble(box((3, 3, 3)), device="cpu")
+ASSEMBLY = assemble(Problem(system=box((3, 3, 3))), device="cpu")
 LOW = ball(0.5, 0.25, stiffness=500.0, damping=1.0).translate((0, 0, 0.5))
 
 

@@ -11,6 +11,7 @@ from msdwarp.engine.model.model import Model
 from msdwarp.engine.stepping import per_stage
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.engine.stepping.dynamics import Dynamics
+from msdwarp.world import Problem
 
 SMALL = {"mass": 0.01, "stiffness": 40.0, "damping": 0.02}
 GAP = 0.13
@@ -52,7 +53,7 @@ def test_ties_obey_the_dampers_law(plain_device):
 @pytest.mark.slow
 def test_columns_feel_ties(plain_device, in_columns):
     tied = pair()
-    made = Dynamics(assemble(tied, device="cpu", force_algorithm="stencil"))
+    made = Dynamics(assemble(Problem(system=tied), device="cpu", force_algorithm="stencil"))
     assert (
         per_stage.column_count(made.model, made.composition.force_algorithm) > 0
     )  # one stencil for both bodies, as without ties
@@ -63,9 +64,11 @@ def test_where_only_ties_are_damped_the_stencil_is_not():
     tied = pair().replace(
         damping=np.where(np.arange(pair().connection_count) < pair().connection_count - 12, 0.0, 1.0)
     )
-    own = Dynamics(assemble(tied, device="cpu", force_algorithm="stencil")).composition.force_algorithm
+    own = Dynamics(
+        assemble(Problem(system=tied), device="cpu", force_algorithm="stencil")
+    ).composition.force_algorithm
     bare = Dynamics(
-        assemble(tied.replace(damping=0.0), device="cpu", force_algorithm="stencil")
+        assemble(Problem(system=tied.replace(damping=0.0)), device="cpu", force_algorithm="stencil")
     ).composition.force_algorithm
     assert own is bare
 
@@ -85,7 +88,10 @@ def test_the_bound_knows_stiff_ties(plain_device):
     soft, stiff = pair(), pair(stiffness=4e4)
     bounds = [
         rate_bounds(
-            stiff, assemble(stiff, device=plain_device, precision="float64", force_algorithm=force_algorithm)
+            stiff,
+            assemble(
+                Problem(system=stiff), device=plain_device, precision="float64", force_algorithm=force_algorithm
+            ),
         ).stiffness
         for force_algorithm in ("gather", "stencil")
     ]

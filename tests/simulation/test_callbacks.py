@@ -23,6 +23,7 @@ from msdwarp import (
     at,
     box,
 )
+from msdwarp.simulation.frames import apply_due
 
 BODY = box((3, 3, 3), 0.1, mass=0.02, stiffness=400.0, damping=0.1).translate((0.0, 0.0, 0.2))
 
@@ -68,7 +69,7 @@ def test_a_function_of_velocities_is_called_when_its_time_has_come():
 
     simulation = Simulation(BODY, schedule=[at(0.05, velocity=faster)], device="cpu")
     simulation.step(3)
-    simulation._apply_scheduled_change()
+    apply_due(simulation._run)
     speed = np.linalg.norm(simulation.frame().velocity, axis=1)
     np.testing.assert_allclose(speed, 2.0, rtol=1e-6)  # shifted to the time of the positions and back: rounding
     lonely = System(position=np.zeros((1, 3)), mass=[1.0])

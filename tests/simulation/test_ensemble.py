@@ -5,7 +5,7 @@ import pytest
 from alone import assert_each_is_as_alone, one_lane, simulation_alone
 
 import msdwarp as msd
-from msdwarp.simulation import properties
+from msdwarp.simulation import substep_chooser
 
 WORLDS = 6
 METHODS = {
@@ -242,7 +242,7 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
     ],
 )
 def test_what_worlds_cannot_be_is_said(own, said, monkeypatch):
-    monkeypatch.setattr(properties, "world_rates", None)  # before the first kernels of a step are compiled
+    monkeypatch.setattr(substep_chooser, "world_rates", None)  # before the first kernels of a step are compiled
     given = {"scene": block(), "worlds": WORLDS, "device": "cpu"} | own
     with pytest.raises(ValueError, match=said):
         msd.Ensemble(given.pop("scene"), given.pop("worlds"), **given)

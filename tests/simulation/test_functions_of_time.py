@@ -84,7 +84,7 @@ def test_the_work_of_a_drive_is_kept_when_substeps_change():
     run = msd.Simulation(chain, loads=[drive], substeps=72, **FREE)
     run.step()
     for k in range(1, 12):  # it has moved to −A/2, and goes back
-        run.stepping = run.stepping.with_choice(replace(run.choice, substeps=720))
+        run._run.stepping = run.stepping.with_choice(replace(run.choice, substeps=720))
         run.stepping.advance(k / 60)
     # Half of a substep's work is f·v h/2 but for a fraction 2ωh, 0.16 at first.
     lost = 0.5 * (20.0 * 0.5e-3) * (1e-3 * 2 * math.pi * 55 * 0.866) * (1 / 72 - 1 / 720) / 60

@@ -39,6 +39,7 @@ RIGHT: dict[str, dict[str, Any]] = {
     "schedule": {"schedule": [LATER]},
     "probes": {"probes": {"end": Probe([2], "position")}},
     "contact_forces": {"contact_forces": True},
+    "shape": {"shape": CHAIN.position},
     # Those of a scene alone:
     "duration": {"duration": 0.1},
     "look": {"look": Look(color="#d9603b")},

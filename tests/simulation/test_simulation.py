@@ -9,6 +9,7 @@ import pytest
 import warp as wp
 
 from msdwarp import RK4, Leapfrog, Plane, Simulation, SimulationDiverged, SymplecticEuler, System, box
+from msdwarp.engine.stepping.substep import take_stage
 
 every_integrator = pytest.mark.parametrize(
     "integrator", [SymplecticEuler(), Leapfrog(), RK4()], ids=["symplectic euler", "leapfrog", "rk4"]
@@ -202,7 +203,7 @@ def test_divergence_names_time_particle_and_substeps(device, precision):
     assert f"particle {error.particle}," in str(error)
     assert f"{error.time:.4g} s" in str(error)
     for stage in SymplecticEuler().substep(simulation.state, None, simulation.dt):
-        simulation.stepping.dynamics.run(stage)
+        take_stage(simulation.stepping.dynamics, stage)
     simulation.state.flip()
     x, v = simulation.state.x.numpy(), simulation.state.v.numpy()
     finite = np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1)

@@ -23,6 +23,7 @@ from msdwarp import (
     chain,
 )
 from msdwarp.engine import DivergenceMonitor
+from msdwarp.simulation.run import Run
 from msdwarp.simulation.substep_controller import StepController
 
 WATCHED = {"threads": 1, "gravity": 0.0}
@@ -224,14 +225,14 @@ def test_what_a_function_of_time_raises_ends_the_batch_where_it_begins(as_on_a_g
 
 def test_what_is_raised_between_frames_leaves_none_on_its_way(as_on_a_gpu, monkeypatch):
     runs = [Simulation(swinging(), **WATCHED, device="cpu") for _ in range(2)]
-    advance = Simulation._advance
+    advance = Run.advance
 
-    def interrupted(simulation, next_time):
-        if simulation is runs[0] and simulation.frame_index == 5:
+    def interrupted(run, next_time):
+        if run is runs[0]._run and run.frame_index == 5:
             raise KeyboardInterrupt
-        advance(simulation, next_time)
+        advance(run, next_time)
 
-    monkeypatch.setattr(Simulation, "_advance", interrupted)
+    monkeypatch.setattr(Run, "advance", interrupted)
     with pytest.raises(KeyboardInterrupt):
         runs[0].step(FRAMES)
     monkeypatch.undo()

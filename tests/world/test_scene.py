@@ -33,6 +33,17 @@ def test_a_scene_can_be_replaced_in_part(replaced):
         replaced(contact=None, loads=list(SCENE.loads))
 
 
+def test_bodies_that_start_deformed_touch_by_the_shape_that_is_given():
+    scene = SCENE.replace(colliders=())
+    flat = scene.system.replace(position=scene.system.position * (1.0, 1.0, 0.5))
+    several = scene, scene.replace(system=flat, shape=scene.system.position), scene.replace(system=flat)
+    found = [Simulation.from_scene(one, device="cpu").assembly.body_contact.surfaces for one in several]
+    as_given, flattened = ((found[0].on_host.weight != one.on_host.weight).any() for one in found[1:])
+    assert (as_given, flattened) == (False, True)
+    with pytest.raises(ValueError, match="shape"):
+        SCENE.replace(shape=np.zeros((2, 3)))
+
+
 def test_a_field_that_a_scene_lacks_is_named():
     with pytest.raises(TypeError, match=r"Scene.replace\(\) got an unexpected keyword argument 'seconds'"):
         SCENE.replace(seconds=3)

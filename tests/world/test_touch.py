@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from msdwarp import Contact, Force, Plane, Scene, Simulation, box, sheet
-from msdwarp.world.contact import restitution_of, with_contact
+from msdwarp.world.contact import restitution_of
 from msdwarp.world.loads import Load
 
 
@@ -71,8 +71,8 @@ def test_a_scene_hands_on_how_its_bodies_touch():
     assert list(scene.loads) == [force, contact]
     # What is said anew takes the place of what was said before.
     again = Contact(groups=("low", "high"), friction=0.1), Contact(groups=("low", "low"))
-    assert with_contact(scene.loads, again) == (force, *again)
-    assert with_contact(scene.loads, ()) == (force,)
+    assert scene.replace(contact=again).loads == (force, *again)
+    assert scene.replace(contact=()).loads == (force,)
 
 
 @pytest.mark.parametrize(

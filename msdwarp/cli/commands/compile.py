@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 from ...integrators import choose_forced
 from ...runtime import ImaginedGpu, Job, Kernels, compile_all, find_device, rehearsing
-from ...simulation import Simulation
+from ...simulation import Simulation, SubstepChooser
 from ..options import Options, SimulationOptions
 from ..scene_files import find_scene
 from .run import method_of
@@ -42,16 +42,14 @@ def jobs_of(make: Callable[[Any], Simulation], target: str | int) -> list[Job]:
     with rehearsing(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with (
-            patch.object(Simulation, "_choose", lambda self, rates, *_: _one_substep(self, rates)),
+            patch.object(
+                SubstepChooser, "choose", lambda self, rates, *_: choose_forced(rates, self.method, self.fps, 1)
+            ),
             patch.object(Kernels, "compile"),
         ):
             noted = make(ImaginedGpu(arch) if arch else "cpu").model.kernels.noted
     there: Any = (None, target) if isinstance(target, int) else (wp.get_device(target),)
     return [Job(*one, *there) for one in noted]
-
-
-def _one_substep(simulation: Any, rates: Any) -> Any:
-    return choose_forced(rates, simulation._method, simulation.fps, 1)
 
 
 def _architectures(arch: str, device: str | None) -> list[int]:

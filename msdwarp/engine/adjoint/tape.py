@@ -8,6 +8,7 @@ from ..device.vector_arrays import rows_like
 from ..model.state import State
 from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Solve, Stage
+from ..stepping.substep import take_substep
 
 
 class Tape:
@@ -50,10 +51,5 @@ class Tape:
     def take(self, substep: int, look: Callable[[int, wp.array, wp.array], None] | None = None) -> None:
         """Launch a substep; before stage n, call `look` with n and with the state at which it evaluates forces."""
         self.go_to(substep)
-        self._dynamics.begin_substep(self.state, substep)
-        for n, stage in enumerate(self._stages[substep]):
-            if look is not None and isinstance(stage, Stage):
-                look(n, stage.fields["x"], stage.fields["v"])
-            self._dynamics.run(stage)
-        self._dynamics.end_substep(self.state, substep)
+        take_substep(self._dynamics, self.state, self._stages[substep], substep, look)
         self._dynamics.go_to_frame_end()

@@ -7,7 +7,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ... import checks
 from ...kernels.basis import vector
 from ...kernels.colliders.collide import ColliderTerm, collider_contact
 from ...kernels.colliders.signed_distance import KINDS
@@ -43,17 +42,6 @@ class Colliders(FrameTables):
         contact_forces: bool = False,
         spared: NDArray[np.bool_] | None = None,
     ) -> None:
-        for k, collider in enumerate(colliders):
-            if not isinstance(collider, Collider) or type(collider).__name__ not in KINDS:
-                raise ValueError(
-                    f"colliders[{k}] is {checks.repr_short(collider)}; it must be a {', '.join(KINDS)}"
-                )
-            if wrong := collider.fits(model.dim):
-                raise ValueError(f"colliders[{k}].{wrong}")
-            try:
-                collider.pose(0.0, model.dim)
-            except Exception as error:  # of its motion, before anything runs
-                raise ValueError(f"colliders[{k}] has no place at 0 s: {checks.message(error)}") from error
         self._numbers = [k for k, collider in enumerate(colliders) if collider.stiffness is None]
         """Indices of the rigid obstacles among the scene's obstacles."""
         colliders = [colliders[k] for k in self._numbers]

@@ -23,9 +23,6 @@ class SoftColliders(Effect):
     conserves = True
 
     def __init__(self, model: Model, colliders: Sequence[Collider]) -> None:
-        for k, one in enumerate(colliders):
-            if one.stiffness is not None and (wrong := one.fits(model.dim)):
-                raise ValueError(f"colliders[{k}].{wrong}")
         self._soft = [(k, one) for k, one in enumerate(colliders) if one.stiffness is not None]
         soft = [one for _, one in self._soft]
         self._model = model

@@ -36,6 +36,7 @@ from ..model.model import CONSTANTS, Model
 from ..model.state import State
 from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Stage
+from ..stepping.substep import take_stage
 
 MOST_THREADS = 65536
 """Maximal number of summing threads on a GPU: enough to occupy it, few enough to combine quickly."""
@@ -89,7 +90,7 @@ class Sensors:
         assert isinstance(rows, wp.array)
         if self._force is not None:
             fields = {"compensation": now.compensation, "x": now.x, "v": v, "force": self._force}
-            self._dynamics.run(Stage(force_on_each, fields))
+            take_stage(self._dynamics, Stage(force_on_each, fields))
         values = {POSITION: now.x, STRAIN: now.x, STRESS: now.x, VELOCITY: v, FORCE: self._force}
         lost = dict.fromkeys((POSITION, STRAIN, STRESS), now.compensation.x) | {VELOCITY: now.compensation.v}
         if self._contact_forces is not None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...bodies import LINEAR, System, is_uniform, stored
 from ...runtime import in_turn
+from ...world import Problem
 from ..loads.forces import ForceField
 from ..model.effect import Effect
 from ..model.model import Model
@@ -64,7 +65,7 @@ def rate_bounds(system: System, assembly: Assembly | None = None, state: State |
     The assembly is the system on a device with its effects. By default it is uploaded to the CPU in float64.
     """
     if assembly is None:
-        assembly = assemble(system, device="cpu", precision="float64")
+        assembly = assemble(Problem(system=system), device="cpu", precision="float64")
     state = State.from_system(system, assembly.model) if state is None else state
     return world_rates(assembly, state)[0]
 

@@ -10,20 +10,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ... import checks
-from ...bodies import System, behind_surfaces
+from ...bodies import behind_surfaces
 from ...kernels.effect import ForceTerm
 from ...runtime import in_turn
 from ...world import (
     BODY_CONTACT_FORCE,
     CONTACT_FORCE,
     Collider,
-    Contact,
-    Gravity,
     Load,
-    Probe,
-    bound,
-    check_loads,
-    checked_probes,
+    Problem,
     driven_particles,
 )
 from ..collision.body_contact import BodyContact
@@ -55,57 +50,40 @@ from .fire import Fire
 COLLIDER_RULES = ("coulomb", "report")
 
 
-class Surroundings(NamedTuple):
-    """What a scene adds to a system: colliders, loads, probes."""
+class Asked(NamedTuple):
+    """What a simulation asks for beside the problem."""
 
-    colliders: Sequence[Collider]
-    """Obstacles, in the order in which they act on a particle."""
     collider_rule: str
     """The contact rule, "coulomb" or "report"; see `msdwarp.kernels.colliders`."""
-    loads: Sequence[Load]
-    """Loads on the system."""
-    probes: Mapping[str, Probe]
-    """Probes by name."""
     contact_forces: bool
     """Whether the contact force on each particle is requested."""
     settles: bool
     """Whether the system is moved to equilibrium (`Fire`)."""
-    shape: NDArray[np.float64]
-    """Positions by which surfaces for contact are made [m], shape [particle_count, dim]: of the start."""
-
-    @property
-    def hard_colliders(self) -> list[Collider]:
-        """The obstacles that no particle enters."""
-        return [one for one in self.colliders if one.stiffness is None]
-
-    def asks_for(self, *quantities: str) -> bool:
-        """Return whether a probe measures one of these quantities, or all contact forces are requested."""
-        return self.contact_forces or any(one.what in quantities for one in self.probes.values())
 
 
-def _colliders(model: Model, around: Surroundings) -> Colliders | None:
-    if not around.hard_colliders:
+def _colliders(model: Model, problem: Problem, asked: Asked) -> Colliders | None:
+    if not problem.rigid_colliders:
         return None
-    spared = None
-    if any(isinstance(one, Contact) and one.surface_colliders for one in around.loads):
-        spared = behind_surfaces(model.system)
-    return Colliders(model, around.colliders, around.collider_rule, around.asks_for(CONTACT_FORCE), spared)
+    summed = asked.contact_forces or problem.measures(CONTACT_FORCE)
+    spared = behind_surfaces(model.system) if any(one.surface_colliders for one in problem.contact_rules) else None
+    return Colliders(model, problem.colliders, asked.collider_rule, summed, spared)
 
 
-def _soft_colliders(model: Model, around: Surroundings) -> SoftColliders | None:
-    if len(around.hard_colliders) == len(around.colliders):
+def _soft_colliders(model: Model, problem: Problem, asked: Asked) -> SoftColliders | None:
+    if len(problem.rigid_colliders) == len(problem.colliders):
         return None
-    if around.asks_for(CONTACT_FORCE):
+    if asked.contact_forces or problem.measures(CONTACT_FORCE):
         raise ValueError("contact forces are asked for, and colliders has soft ones, which do not have them yet")
-    return SoftColliders(model, around.colliders)
+    return SoftColliders(model, problem.colliders)
 
 
-def _body_contact(model: Model, around: Surroundings) -> BodyContact | None:
-    rules = [one for one in around.loads if isinstance(one, Contact)]
+def _body_contact(model: Model, problem: Problem, asked: Asked) -> BodyContact | None:
+    rules = problem.contact_rules
     if all(one.exclude for one in rules):
         return None
-    sums_forces = not model.in_worlds and around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
-    return BodyContact(model, rules, sums_forces, around.shape)
+    summed = asked.contact_forces or problem.measures(CONTACT_FORCE, BODY_CONTACT_FORCE)
+    shape: Any = problem.shape
+    return BodyContact(model, rules, summed and not model.in_worlds, shape)
 
 
 def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
@@ -115,20 +93,20 @@ def _on_surfaces(model: Model, loads: Sequence[Load]) -> list[Effect]:
     return effects + winds_of(model, loads, vertices) + pressures_of(model, loads, vertices)
 
 
-EFFECTS: list[Callable[[Model, Surroundings], Effect | Sequence[Effect] | None]] = [
+EFFECTS: list[Callable[[Model, Problem, Asked], Effect | Sequence[Effect] | None]] = [
     _colliders,
     _soft_colliders,
-    lambda model, around: Plasticity(model) if model.system.yields else None,
-    lambda model, around: Fracture(model) if model.system.tears else None,
-    lambda model, around: drives_of(model, around.loads),
-    lambda model, around: ExtraSprings(model) if model.lattice is not None and len(model.lattice.ties) else None,
-    lambda model, around: None if model.system.cells is None else CellVolumes(model),
-    lambda model, around: None if model.system.angles is None else AngleSprings(model),
-    lambda model, around: forces_of_loads(model, around.loads),
-    lambda model, around: _on_surfaces(model, around.loads),
-    lambda model, around: attachments_of(model, around.loads),
-    lambda model, around: actuators_of(model, around.loads),
-    lambda model, around: element_loads_of(model, around.loads),
+    lambda model, *_: Plasticity(model) if model.system.yields else None,
+    lambda model, *_: Fracture(model) if model.system.tears else None,
+    lambda model, problem, _: drives_of(model, problem.loads),
+    lambda model, *_: ExtraSprings(model) if model.lattice is not None and len(model.lattice.ties) else None,
+    lambda model, *_: None if model.system.cells is None else CellVolumes(model),
+    lambda model, *_: None if model.system.angles is None else AngleSprings(model),
+    lambda model, problem, _: forces_of_loads(model, problem.loads),
+    lambda model, problem, _: _on_surfaces(model, problem.loads),
+    lambda model, problem, _: attachments_of(model, problem.loads),
+    lambda model, problem, _: actuators_of(model, problem.loads),
+    lambda model, problem, _: element_loads_of(model, problem.loads),
     _body_contact,
 ]
 """A function for each kind of effect; it returns one effect, several, or None if the scene has none."""
@@ -147,15 +125,15 @@ class Assembly:
         Whether effects sum the contact forces on particles.
     """
 
-    def __init__(self, model: Model, around: Surroundings) -> None:
-        self.model, self.probes, self._start = model, around.probes, model.system.position
-        self.sums_contact_forces = around.asks_for(CONTACT_FORCE, BODY_CONTACT_FORCE)
+    def __init__(self, model: Model, problem: Problem, asked: Asked) -> None:
+        self.model, self.probes, self._start = model, problem.probes, model.system.position
+        self.sums_contact_forces = asked.contact_forces or problem.measures(CONTACT_FORCE, BODY_CONTACT_FORCE)
         self.all: list[Effect] = []
         note_rates(model)
         note_inverted_cells(model)
         note_tables(model)
         for make in EFFECTS:
-            effects = make(model, around)
+            effects = make(model, problem, asked)
             self.all += [effects] if isinstance(effects, Effect) else effects or []
         self.colliders = self._one_of(Colliders)
         self.fracture = self._one_of(Fracture)
@@ -166,17 +144,17 @@ class Assembly:
             self.body_contact.tear(self.fracture.broken_at)
         self.surface_contact: SurfaceContact | None = None
         if self.colliders is not None and self.body_contact is not None:
-            obstacles = around.hard_colliders
-            if around.settles:
-                obstacles = [replace(one, restitution=1.0) for one in obstacles]  # no dampers, as in `assemble`
+            obstacles = problem.rigid_colliders
+            if asked.settles:  # the dampers of contact would make FIRE stop again and again
+                obstacles = [replace(one, restitution=1.0) for one in obstacles]
             self.surface_contact = surface_contact_of(
-                model, self.colliders, self.body_contact, obstacles, around.loads
+                model, self.colliders, self.body_contact, obstacles, problem.loads
             )
         self.all += [self.surface_contact] if self.surface_contact is not None else []
         self.all += [self.body_contact.planes] if self.body_contact is not None else []
         self.external_work = self._work()
         self.all += [self.external_work] if self.external_work is not None else []
-        self.fire = Fire(model) if around.settles else None
+        self.fire = Fire(model) if asked.settles else None
         self.all += [self.fire] if self.fire is not None else []  # after everything else that changes velocities
         model.kernels.compile()
 
@@ -271,63 +249,64 @@ class Assembly:
 
 @in_turn
 def assemble(
-    system: System,
+    problem: Problem,
     *,
-    gravity: Gravity = 9.82,
-    colliders: Sequence[Collider] = (),
     collider_rule: str = "coulomb",
-    loads: Sequence[Load] = (),
-    probes: Mapping[str, Probe] | None = None,
     contact_forces: bool = False,
     settles: bool = False,
-    shape: NDArray[np.float64] | None = None,
-    **options: Any,
+    device: str | None = None,
+    precision: str = "float32",
+    force_algorithm: str = "auto",
+    worlds: int = 1,
+    rows: Rows | None = None,
 ) -> Assembly:
-    """Return a system on a device with its effects.
+    """Return a problem on a device, with its effects: `Problem` has checked it, the effects convert and upload it.
 
-    See `Model` for `gravity` and `options`, and `Surroundings` for the others. Raises ValueError if an argument is
-    out of range.
+    See `Simulation` for the options, `Asked` for `settles`, and `Model` for `worlds` and `rows`. Raises ValueError
+    if an option is out of range.
     """
     checks.one_of("collider_rule", collider_rule, COLLIDER_RULES)
-    check_loads(loads, system)
-    loads = bound(loads, system)
-    if settles:  # the dampers of contact would make FIRE stop again and again
-        loads = [replace(one, restitution=1.0) if isinstance(one, Contact) else one for one in loads]
-    model = Model(system, gravity=gravity, driven=driven_particles(loads, system), **options)
-    measured = checked_probes(probes or {}, system, colliders, loads)
-    shape = system.position if shape is None else shape
-    around = Surroundings(tuple(colliders), collider_rule, loads, measured, contact_forces, settles, shape)
-    return Assembly(model, around)
+    begun, system = problem.begun(), problem.system
+    model = Model(
+        system,
+        gravity=problem.gravity,
+        driven=driven_particles(begun.loads, system),
+        device=device,
+        precision=precision,
+        force_algorithm=force_algorithm,
+        worlds=worlds,
+        rows=rows,
+    )
+    return Assembly(model, begun, Asked(collider_rule, contact_forces, settles))
 
 
-def assemble_worlds(system: System, worlds: int, rows: Rows, **options: Any) -> Assembly:
-    """Return many worlds of a system on a device with their effects; see `Model` for `worlds` and `rows`.
+def assemble_worlds(problem: Problem, worlds: int, rows: Rows, **options: Any) -> Assembly:
+    """Return many worlds of a problem on a device, as `assemble` does with these options.
 
-    Raises ValueError if the scene has a feature that ensembles lack, or a number exceeds the precision's range.
+    Raises ValueError if the problem has a feature that ensembles lack, or a number exceeds the precision's range.
     """
-    colliders = options.get("colliders", ())
-    for k, one in enumerate(colliders):
+    for k, one in enumerate(problem.colliders):
         if one.stiffness is not None and "friction" in rows:
             raise ValueError(
                 f"friction differs between worlds, and colliders[{k}] has a stiffness; the friction of a soft "
                 "obstacle must be the same in all worlds"
             )
-    for k, one in enumerate(options.get("loads", ())):
-        if isinstance(one, Contact) and one.surface_colliders:
-            raise ValueError("contact has surface_colliders=True, which worlds of an ensemble cannot have yet")
+    if any(one.surface_colliders for one in problem.contact_rules):
+        raise ValueError("contact has surface_colliders=True, which worlds of an ensemble cannot have yet")
+    for k, one in enumerate(problem.loads):
         if "position" in rows and one.of_start:
             raise ValueError(
                 f"position differs between worlds, and loads[{k}], {one!r}, starts from the positions of the "
                 "scene; in an ensemble with such a load all worlds must start alike"
             )
-    assembly = assemble(system, worlds=worlds, rows=rows, **options)
+    assembly = assemble(problem, worlds=worlds, rows=rows, **options)
     model = assembly.model
-    if system.tears and model.force_algorithm == "stencil" and model.rows.keys() & set(CONSTANTS):
+    if model.system.tears and model.force_algorithm == "stencil" and model.rows.keys() & set(CONSTANTS):
         raise ValueError(
             "force_algorithm is 'stencil', and the system can tear; where the constants of connections differ "
             "between worlds, it must be another"
         )
-    _check_starts(model, [one for one in colliders if one.stiffness is None])
+    _check_starts(model, problem.rigid_colliders)
     return assembly
 
 

@@ -18,7 +18,7 @@ from ...kernels.springs.fracture import NO_SUBSTEP
 from ...kernels.threads import count_down, wait_for_all
 from ...runtime import record
 from ..model.effect import Effect, Steps
-from ..model.state import State
+from ..model.state import Instant
 from ..springs.force_algorithms import forces_of
 from ..springs.fracture import Fracture
 from ..springs.spring_constants_by_world import ensemble_forces
@@ -27,7 +27,7 @@ from .cpu_partition import CpuPartition, repeat, threads_for
 from .pace import Pace
 from .per_stage import PerStage, column_count, of_each_world
 from .persistent import launch_persistent
-from .stages import Solve, Stage, StageArrays
+from .stages import Stage, StageArrays
 from .world_differences import differences, fill_world_data, threads_at_a_time
 
 MOST_SELECTIVE = 8
@@ -37,7 +37,7 @@ MOST_IN_SECOND_PASS = 0.25
 
 
 class Dynamics:
-    """Joins a model, a force algorithm and effects, and runs the stages of integrators.
+    """Joins a model, a force algorithm and effects: the parts of a substep, as `take_substep` launches them.
 
     Attributes
     ----------
@@ -74,9 +74,12 @@ class Dynamics:
         slow = self.launches_before_forces or self.model.in_worlds  # if launches have a thread per particle
         self._one_thread = not self.model.device.is_cuda and slow and self._single_launch
         self._stage_arrays = StageArrays()
-        self.steps, self._last_stage, self._stage = Steps(1.0, 1), 0, 0
+        self.steps = Steps(1.0, 1)
         """The substeps of the coming frames."""
-        self._measuring = self._in_frame = self._at_substep_start = self._at_frame_start = False
+        self._substep: int | None = None
+        """The substep of a frame that is launched; None between frames."""
+        self._stage = 0
+        """The next stage of the substep. After the last one, forces are measured."""
 
     def share_among(self, threads: int) -> None:
         """Let so many CPU threads share the particles in the frames recorded from now on."""
@@ -173,10 +176,11 @@ class Dynamics:
 
     def begin(self, steps: Steps) -> None:
         """Prepare for frames with the substeps `steps`."""
-        self.steps, self._last_stage = steps, steps.substeps * len(steps.stage_times)
+        self.steps = steps
         self.model.generation += 1  # graphs must be recorded with the new tables
         if self.composition.timed:
-            self.scene.time = wp.zeros(self._last_stage + 1, dtype=self.model.scalar, device=self.model.device)
+            times = steps.substeps * len(steps.stage_times) + 1
+            self.scene.time = wp.zeros(times, dtype=self.model.scalar, device=self.model.device)
         for effect in self.assembly.all:
             effect.steps = steps
             effect.begin(steps.substeps, steps.dt)
@@ -204,30 +208,41 @@ class Dynamics:
 
     def go_to_frame_end(self) -> None:
         """Set the time-dependent data of effects to the end of a frame, for the next launches."""
-        self._in_frame = self._at_substep_start = False
+        self._go_to(None, 0)
+
+    def _go_to(self, substep: int | None, stage: int) -> None:
+        """Set the moment of the next forces, and their row in tables of functions of time."""
+        self._substep, self._stage, stages = substep, stage, len(self.steps.stage_times)
         if self.composition.timed:
-            self.scene.stage = self._last_stage
+            now = self.steps.substeps if substep is None else substep
+            self.scene.stage = min(now * stages + stage, self.steps.substeps * stages)
+
+    @property
+    def _advances(self) -> bool:
+        """Whether the next forces advance a substep; else they are of a moment between frames, or measured."""
+        return self._substep is not None and self._stage < len(self.steps.stage_times)
+
+    @property
+    def _begins_substep(self) -> bool:
+        """Whether the next forces are the first of a substep."""
+        return self._substep is not None and self._stage == 0
 
     @contextmanager
-    def measuring(self, substep: int) -> Iterator[None]:
-        """Set effects to a substep's end for forces that are only measured, do no work and belong to no stage."""
-        if self.composition.timed:  # the end is the start of the next substep
-            self.scene.stage = (substep + 1) * len(self.steps.stage_times)
+    def measuring(self) -> Iterator[None]:
+        """Let forces do no work, which are only measured, at a substep's end."""
         work = self.assembly.external_work
         if work is not None:
             setattr(self.scene, work.field, work.idle)
-        self._measuring = True
         try:
             yield
         finally:
-            self._measuring = False
             if work is not None:
                 self._bind(work)
 
-    def begin_substep(self, state: State, substep: int) -> None:
+    def begin_substep(self, start: Instant, substep: int) -> None:
         """Begin substep number `substep` of a frame: launch the changes of springs by effects."""
         if beginning(self.composition) is not None:
-            start, kernel = state.state_in, begin_each_connection(self.composition)
+            kernel = begin_each_connection(self.composition)
             inputs = [self.scene, start.compensation, start.x]
             if self.model.in_worlds:
                 step = force_on_each(self.composition).Step()
@@ -236,23 +251,20 @@ class Dynamics:
             wp.launch(
                 kernel, of_each_world(self.model, self.model.connection_count), inputs, device=self.model.device
             )
-        self._in_frame = self._at_substep_start = True
-        self._at_frame_start = substep == 0
-        self._stage = 0
         self.go_to_substep(substep)
 
-    def end_substep(self, state: State, substep: int) -> None:
-        """End substep number `substep` of a frame: launch effects' changes of its result, `state.state_out`."""
+    def keep_apart(self, before: Instant, after: Instant) -> None:
+        """Launch effects' changes of a substep's result, `after`, such as shorter displacements in contact."""
         for effect in self._ending:
-            effect.end_substep(state.state_in, state.state_out, substep)
+            assert self._substep is not None
+            effect.end_substep(before, after, self._substep)
 
     def go_to_substep(self, substep: int) -> None:
         """Set the time-dependent data of effects to the start of a substep of a frame, for the next launches."""
         for effect in self.assembly.all:
             if effect.begin_substep(substep):
                 self._bind(effect)
-        if self.composition.timed:
-            self.scene.stage = substep * len(self.steps.stage_times)
+        self._go_to(substep, 0)
 
     def stop_fracture(self) -> None:
         """Prevent breaking until the next substep, since springs break in the first stage only."""
@@ -260,7 +272,7 @@ class Dynamics:
             self.scene.forces.breaking.substep = NO_SUBSTEP
 
     def note(self, *methods: Any, in_frames: bool = True) -> None:
-        """Note the kernels that `run` launches for stages of methods, in recorded frames or between them."""
+        """Note the kernels that `advance` launches for stages of methods, in recorded frames or between them."""
         note, partition = self.model.kernels.note, self.partition if in_frames else None
         if beginning(self.composition) is not None:
             note(begin_each_connection(self.composition))
@@ -277,29 +289,46 @@ class Dynamics:
         if in_frames and self.repeats:
             note(count_down)
 
-    def run(self, stage: Stage | Solve) -> None:
-        """Run a stage: launch what effects need before forces, then advance all particles.
+    def has_parts_before(self, stage: Stage) -> bool:
+        """Return whether a stage evaluates forces, and effects launch something before these."""
+        return bool(self._preceding) and stage.method(self.composition).forced
 
-        Particles are advanced by a GPU thread per particle (`PerStage`), by several CPU threads (`CpuPartition`),
-        or by one CPU thread (`launch_persistent`).
+    def find_neighbors(self, step: Any) -> None:
+        """Launch effects' searches for a stage; not on the side stream, where launches cannot be conditional."""
+        begins, after = self._begins_substep, 0.0
+        frame_begins = self._substep is None or (begins and self._substep == 0)
+        if self._advances and not begins:
+            after = (self.steps.stage_times[self._stage] - 1.0) * self.steps.dt
+        for effect in self._searching:
+            effect.search(step.x, step.v, step.compensation, after, begins, frame_begins)
+
+    def evaluate_contact(self, step: Any) -> None:
+        """Launch what effects need before the forces of a stage."""
+        begins, within = self._begins_substep, self._evaluated_within() if self._one_thread else []
+        summing = self._summing if self._advances else []
+        with self._per_stage.side_stream():
+            for effect in self._preceding:
+                if effect not in within:
+                    effect.before_forces(step.x, step.v, step.compensation, begins)
+                if effect in summing:
+                    effect.add_up(self.steps.dt * self.steps.weights[self._stage])
+        if begins:
+            for effect in self._ending:
+                effect.watch()
+
+    def advance(self, stage: Stage, step: Any) -> None:
+        """Launch the forces of a stage, and the advance of all particles by them.
+
+        By a GPU thread per particle (`PerStage`), by several CPU threads (`CpuPartition`), or by one CPU thread
+        (`launch_persistent`).
         """
-        if isinstance(stage, Solve):
-            stage.launch(self)
-            return
-        method, step = stage.method, stage.step(self.composition)
+        method, partition, measures = (
+            stage.method,
+            self.partition,
+            self._substep is not None and not self._advances,
+        )
         forced = method(self.composition).forced
-        if forced and self._preceding:
-            begins = self._at_substep_start and not self._measuring
-            self._search(step, begins)
-            with self._per_stage.side_stream():
-                self._launch_before_forces(step, begins)
-            if begins:
-                for effect in self._ending:
-                    effect.watch()
-            if not self._measuring:
-                self._at_substep_start = self._at_frame_start = False
-        partition, measuring = self.partition, self._measuring
-        if forced and partition is not None and partition.is_recording and self._single_launch and not measuring:
+        if forced and partition is not None and partition.is_recording and self._single_launch and not measures:
             steps = self._stage_arrays.array_of(step, partition.kernel(method), self.model.device)
             partition.launch(method, self.scene, steps, 1)
         elif forced and self._one_thread:
@@ -308,10 +337,8 @@ class Dynamics:
             launch_persistent(kernel, self.model, self.scene, steps, 1, self.model.worlds, 1)
         else:
             self._per_stage.launch(self.scene, method, step)
-        if self.composition.timed and not measuring and self.scene.stage < self._last_stage:
-            self.scene.stage += 1
-        if not measuring:
-            self._stage += 1
+        if self._advances:
+            self._go_to(self._substep, self._stage + 1)
         self.stop_fracture()
 
     def persistent(self, method: Any, blocks: int, threads: int) -> Any:
@@ -332,25 +359,6 @@ class Dynamics:
             self.partition.repeat(times, launch)
         else:
             repeat(self._left, times, launch)
-
-    def _search(self, step: Any, begins: bool) -> None:
-        """Launch effects' searches for a stage; not on the side stream, where launches cannot be conditional."""
-        steps, after = self.steps, 0.0
-        if self._in_frame and not begins and not self._measuring and self._stage < len(steps.stage_times):
-            after = (steps.stage_times[self._stage] - 1.0) * steps.dt
-        frame_begins = not self._in_frame or (begins and self._at_frame_start)
-        for effect in self._searching:
-            effect.search(step.x, step.v, step.compensation, after, begins, frame_begins)
-
-    def _launch_before_forces(self, step: Any, begins: bool) -> None:
-        """Launch what effects need before the forces of a stage."""
-        within = self._evaluated_within() if self._one_thread else []
-        summing = self._summing if self._in_frame and not self._measuring else []
-        for effect in self._preceding:
-            if effect not in within:
-                effect.before_forces(step.x, step.v, step.compensation, begins)
-            if effect in summing:
-                effect.add_up(self.steps.dt * self.steps.weights[self._stage])
 
     @property
     def drives(self) -> bool:

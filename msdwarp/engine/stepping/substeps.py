@@ -17,6 +17,7 @@ from .dynamics import Dynamics
 from .persistent import CLUSTER, launch_persistent, persistent_blocks
 from .shared_memory import Chip, on_chip
 from .stages import Solve, Stage
+from .substep import take_substep
 from .world_differences import threads_of_world
 
 Blocks = tuple[int, int] | Literal["auto"] | None
@@ -122,10 +123,7 @@ class Stepper:
     def _take_each(self, numbers: range, first: int) -> None:
         """Advance by the substeps `numbers`, counted from `first`, with a launch per stage."""
         for k in numbers:
-            self._dynamics.begin_substep(self._state, first + k)
-            for stage in self._substeps[k % 2]:
-                self._dynamics.run(stage)
-            self._dynamics.end_substep(self._state, first + k)
+            take_substep(self._dynamics, self._state, self._substeps[k % 2], first + k)
             self._state.flip()
             if self._after_substep is not None:
                 self._after_substep(first + k)

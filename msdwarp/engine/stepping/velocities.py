@@ -8,6 +8,7 @@ from ...kernels.integrators.euler import kick
 from ..model.state import State
 from .dynamics import Dynamics
 from .stages import Stage
+from .substep import take_stage
 
 
 class Velocities:
@@ -77,5 +78,5 @@ def kicked(dynamics: Dynamics, state: State, seconds: float, v_out: wp.array, v:
     v = start.v if v is None else v
     dampers_v = start.method_state[0] if start.method_state else v
     fields = {"compensation": start.compensation, "x": start.x, "v": dampers_v, "v_half": v, "v_out": v_out}
-    dynamics.run(Stage(kick, {"h": seconds, **fields}))
+    take_stage(dynamics, Stage(kick, {"h": seconds, **fields}))
     return v_out
