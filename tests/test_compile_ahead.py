@@ -13,6 +13,7 @@ from msdwarp import Contact, Ensemble, LinearlyImplicitEuler, Plane, Scene, Simu
 from msdwarp.integrators import choose_forced
 from msdwarp.kernels.filling import find_depths
 from msdwarp.runtime import ImaginedGpu, Kernels, compile_ahead, rehearsing, start_warp
+from msdwarp.simulation import SubstepChooser
 
 SCENES = ("cube", "cloth", "tower", "dice", "curtain", "mattress")
 
@@ -88,7 +89,7 @@ def test_a_scene_knows_its_kernels_for_a_gpu_that_is_not_there(name, arch, noted
         rehearsing(),
         patch.object(Kernels, "compile"),
         patch.object(
-            Simulation, "_choose", lambda self, rates, *_: choose_forced(rates, self._method, self.fps, 2)
+            SubstepChooser, "choose", lambda self, rates, *_: choose_forced(rates, self.method, self.fps, 2)
         ),
         patch.multiple(wp, launch=launch, capture_if=branch, capture_while=branch),
     ):
