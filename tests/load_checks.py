@@ -8,7 +8,7 @@ from differences import FRAMES, check, loss, simulation
 from msdwarp import RK4, Ensemble, Load, Simulation, System
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.world import ElementLoad
+from msdwarp.world import ElementLoad, Problem
 
 
 def check_load(load: Load, body: System, device: str) -> None:
@@ -27,7 +27,7 @@ def check_load(load: Load, body: System, device: str) -> None:
     found = simulation(body, **how).gradient(loss, FRAMES, by=["position", "velocity"])
     for name in ("position", "velocity"):
         check(body, name, found[name], **how)
-    bound = rate_bounds(body, assemble(body, loads=[load], device=device, precision="float64"))
+    bound = rate_bounds(body, assemble(Problem(system=body, loads=[load]), device=device, precision="float64"))
     assert bound.effect_stiffness > 0.0
     alike = Ensemble(body, 2, mass=np.array([[1.0], [2.0]]) * body.mass, gravity=0.0, **how)
     assert_each_is_as_alone(alike, frames=5)

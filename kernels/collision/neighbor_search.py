@@ -280,7 +280,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
     place_of, place_on, nearest_to = places(scalar)
     end_row = row_end(scalar, worlds)
     (begin, find_next), (enter, keep_near) = facets_within(lanes), entries(scalar, lanes)
-    wait, doubt = wait_for_lanes(lanes), scalar(1.01)
+    wait, doubt, far = wait_for_lanes(lanes), scalar(1.01), scalar(FAR)
 
     @wp.func
     def search_body(data: Data, tree: FacetTree, before: SearchedRow, reach: scalar, known: int, lane: int):
@@ -288,8 +288,8 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         row = before
         row.limit = reach
         row.begin = row.count
-        row.nearest = scalar(FAR)
-        row.bound = scalar(FAR)
+        row.nearest = far
+        row.bound = far
         if known >= 0:
             if data.surfaces.owner[known] == row.other:
                 # The distance of the previous nearest facet bounds that of the nearest one now.

@@ -14,7 +14,7 @@ from problems import EPS64
 from msdwarp import RK4, Simulation, System
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.world import ElementLoad
+from msdwarp.world import ElementLoad, Problem
 
 K = 36.0
 """Stiffness of the bonds [N/m]."""
@@ -70,7 +70,7 @@ def test_two_particles_swing_about_their_centre(dim, plain_device):
 
 def test_the_bound_of_the_step_follows_from_its_derivatives(plain_device):
     # The light particle has 2 K/m in the bound; the pair swings with 45 s⁻².
-    assembly = assemble(two(3), loads=[Bonds()], device=plain_device, precision="float64")
+    assembly = assemble(Problem(system=two(3), loads=[Bonds()]), device=plain_device, precision="float64")
     assert rate_bounds(two(3), assembly).stiffness == pytest.approx(2 * K, rel=4 * EPS64)
 
 
