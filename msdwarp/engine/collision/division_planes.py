@@ -1,5 +1,6 @@
 """DivisionPlanes: keeps near pairs apart if they are apart when a substep begins."""
 
+import weakref
 from collections.abc import Sequence
 from typing import Any
 
@@ -154,12 +155,12 @@ class DivisionPlanes(Effect):
 
     def meet(self, neighbors: Any) -> None:
         """Set the `NeighborList` whose searches also list pairs."""
-        self.neighbors = neighbors
-        """Threads that list near facets: some warps for each piece of the tree, or one for each facet."""
+        self.neighbors = weakref.proxy(neighbors)  # which owns this: memory of a device is to be freed at once
         facets, pieces = len(neighbors.tree.facet), len(neighbors.tree.piece)
         self._warps = FEW_BY_WARPS if pieces <= FEW_PIECES else 1
         on_gpu = self._model.device.is_cuda and not self._grains
         self._searching = self._warps * WARP * pieces if on_gpu else facets
+        """Threads that list near facets: some warps for each piece of the tree, or one for each facet."""
         self._give_room_to_facets(NEAR_A_FACET * facets)
         self._note_kernels()
 
