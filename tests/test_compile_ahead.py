@@ -24,9 +24,9 @@ def noted(monkeypatch):
     start_warp()
     found, note = set(), Kernels.note
 
-    def noting(kernels, *given, block=256):
+    def noting(kernels, *given, block=256, first=False):
         found.update((one.module, block if kernels._device.is_cuda else 1) for one in given)
-        return note(kernels, *given, block=block)
+        return note(kernels, *given, block=block, first=first)
 
     monkeypatch.setattr(Kernels, "note", noting)
     return found

@@ -56,9 +56,13 @@ class Kernels:
         self._device, self.noted = device, dict[tuple[Any, int], None]()
         """Pairs of a module and the number of threads of a block, since `compile` was called last."""
 
-    def note(self, *kernels: Any, block: int = 256) -> Any:
-        """Have `compile` compile kernels, on a GPU for blocks of so many threads; return the first kernel."""
-        self.noted |= {(one.module, block if self._device.is_cuda else 1): None for one in kernels}
+    def note(self, *kernels: Any, block: int = 256, first: bool = False) -> Any:
+        """Have `compile` compile kernels, on a GPU for blocks of so many threads; return the first kernel.
+
+        It begins with those noted as `first`: what takes longest must not wait for the rest.
+        """
+        noted = {(one.module, block if self._device.is_cuda else 1): None for one in kernels}
+        self.noted = noted | self.noted if first else self.noted | noted
         return kernels[0]
 
     def compile(self) -> None:

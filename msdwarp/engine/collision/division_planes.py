@@ -148,10 +148,23 @@ class DivisionPlanes(Effect):
         self._give_room(LEAST_ROOM if self.may_sleep else ROOM * model.worlds * (vertices + len(edge)))
 
     def begin(self, substeps: int, dt: float) -> None:
-        """On a CPU, load kernels that only later frames need: noted kernels compile ahead for a GPU alone."""
-        if self.may_sleep and not self._model.device.is_cuda:
+        """Note the kernels that keep pairs apart, which may wake in any frame, and on a CPU load them.
+
+        For a GPU they compile beside those of substeps, and not before them with those of searches.
+        """
+        model, note, scalar = self._model, self._model.kernels.note, self._model.scalar
+        note(self._keep, block=MOST_THREADS, first=True)
+        note(self._measure)
+        if self.may_sleep:
+            note(find_alarm(scalar))
+        if len(self.pairs.driven):
+            note(catch_up(scalar))
+        if not self._small:
+            note(*(one(scalar) for one in (*PUSHING, *CUTTING)), block=MOST_THREADS)
+            note(end_round(scalar))
+        if self.may_sleep and not model.device.is_cuda:
             for kernel in (self._measure, self._keep):
-                wp.load_module(kernel.module, self._model.device)
+                wp.load_module(kernel.module, model.device)
 
     def meet(self, neighbors: Any) -> None:
         """Set the `NeighborList` whose searches also list pairs."""
@@ -162,22 +175,8 @@ class DivisionPlanes(Effect):
         self._searching = self._warps * WARP * pieces if on_gpu else facets
         """Threads that list near facets: some warps for each piece of the tree, or one for each facet."""
         self._give_room_to_facets(NEAR_A_FACET * facets)
-        self._note_kernels()
-
-    def _note_kernels(self) -> None:
-        """Note the kernels of searches, and those that keep pairs apart, which may wake in any frame."""
-        model, neighbors, note = self._model, self.neighbors, self._model.kernels.note
-        scalar = model.scalar
-        note(*self._searches(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes))
-        if self.may_sleep:
-            note(find_alarm(scalar))
-        if len(self.pairs.driven):
-            note(catch_up(scalar))
-        note(self._measure)
-        note(self._keep, block=MOST_THREADS)
-        if not self._small:
-            note(*(one(scalar) for one in (*PUSHING, *CUTTING)), block=MOST_THREADS)
-            note(end_round(scalar))
+        scalar = self._model.scalar
+        self._model.kernels.note(*self._searches(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes))
 
     def _searches(self) -> tuple[Any, Any, Any]:
         """Return the kernels that list near facets, their tests and near pairs."""

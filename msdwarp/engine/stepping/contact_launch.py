@@ -34,7 +34,7 @@ class ContactLaunch:
         model, self._kept = dynamics.model, [one.step(dynamics.composition) for one in stages]
         Step = self._method(dynamics.composition).Step
         self._steps = wp.array(self._kept, dtype=Step, device=model.device).reshape((2, 1))
-        model.kernels.note(self._kernel()[0], block=MOST_THREADS)
+        model.kernels.note(self._kernel()[0], block=MOST_THREADS, first=True)
 
     @property
     def pays(self) -> bool:
