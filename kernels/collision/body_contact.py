@@ -26,12 +26,10 @@ from .history import memories, recall
 from .law import TANGENTIAL, contact_law, triangles
 from .nearest_facet import nearest_facets
 from .neighbor_search import each_active_point
-from .pairs import ALMOST, NONE, Pair, crowding, hosts_of_points, next_in_order, places, points
+from .pairs import ALMOST, DOUBT, NONE, ROUNDING, Pair, crowding, hosts_of_points, next_in_order, places, points
 
 FACING = 0.8
 """Least cosine between the normals of two surfaces for which a damper sees the approach to both, see `law`."""
-DOUBT = 0.01
-"""Part of the skin that covers the rounding of paths since the last search."""
 
 
 @functools.cache
@@ -195,7 +193,8 @@ def evaluate_contact(
             nearest_then = data.neighbors.candidate_distance[p, first]
             paths = data.neighbors.moved[point.body] + data.neighbors.moved[pair.other]
             if wp.static(not measuring):
-                if scalar(ALMOST) * nearest_then - scalar(paths) > pair.thickness:
+                doubt = scalar(wp.static(ROUNDING[scalar])) * wp.length(point.x)
+                if scalar(ALMOST) * nearest_then - scalar(paths) - doubt > pair.thickness:
                     if data.neighbors.candidate_pair[p, n - 1] == pair.place:
                         break
             nearest = find_nearest(data, point, lane, pair, first, scalar(paths) + scalar(DOUBT) * step.buffer)

@@ -14,6 +14,10 @@ NONE = 2**31 - 1
 """No body or no facet: greater than any index."""
 ALMOST = 0.9999
 """Factor for listed distances, which may be too large by rounding."""
+DOUBT = 0.01
+"""Part of the skin that covers the rounding of paths since the last search."""
+ROUNDING = {wp.float32: 1.0e-6, wp.float64: 2.0e-15}
+"""By how much distances may be wrong by rounding, as a fraction of coordinates."""
 FAR = 1.0e30
 """A distance greater than any [m]."""
 

@@ -14,7 +14,7 @@ from .history import memories, recall
 from .law import contact_law
 from .nearest_point import fraction_of_length
 from .neighbor_search import each_active_point, each_search_point, row_end
-from .pairs import ALMOST, FAR, NONE, crowding, places, points
+from .pairs import ALMOST, DOUBT, FAR, NONE, crowding, places, points
 
 
 @functools.cache
@@ -41,10 +41,11 @@ def evaluate_segments_and_spheres(
     zero, one, almost, far = scalar(0.0), scalar(1.0), scalar(ALMOST), scalar(FAR)
 
     @wp.func
-    def find_nearest(data: Data, point: Point, first: int, place: int, buffer: scalar):
+    def find_nearest(data: Data, point: Point, first: int, place: int, shrunk: scalar):
         """Return a body's facet nearest to a point, its squared distance [m²], and the weight of its second end.
 
-        `place` is the body's index in `body_pairs`, `first` the index of its first facet in the point's list.
+        `place` is the body's index in `body_pairs`, `first` the index of its first facet in the point's list, and
+        `shrunk` a bound on how much distances have shrunk since the last search [m].
         """
         p = point.number
         best = far
@@ -67,7 +68,7 @@ def evaluate_segments_and_spheres(
                 squared = wp.length_sq(point.x - place_on(data.surfaces.x, corner, V(one - t_f, t_f, zero)))
                 if squared < best or (squared == best and f < facet):
                     best = squared
-                    near = wp.sqrt(best) + buffer
+                    near = wp.sqrt(best) + shrunk
                     facet = f
                     t = t_f
         return facet, best, t
@@ -111,7 +112,9 @@ def evaluate_segments_and_spheres(
                 begins = data.neighbors.candidate_pair[p, first - 1] != place
             if begins:
                 pair = data.neighbors.pairs[point.body, place]
-                facet, best, t = find_nearest(data, point, first, place, step.buffer)
+                paths = data.neighbors.moved[point.body] + data.neighbors.moved[pair.other]
+                shrunk = scalar(paths) + scalar(DOUBT) * step.buffer
+                facet, best, t = find_nearest(data, point, first, place, shrunk)
                 corner = data.surfaces.corner[facet % wp.static(NONE)]  # facet 0 if there is none
                 w = V(one - t, t, zero)
                 away = point.x - place_on(data.surfaces.x, corner, w)

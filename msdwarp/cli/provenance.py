@@ -165,6 +165,8 @@ def _parts(scene: Scene) -> Iterator[bytes]:
             yield np.ascontiguousarray(stored(values) if values.ndim == 1 else values).tobytes()
     if scene.settled:
         yield b"settled"
+    if scene.shape is not None:
+        yield b"shape" + np.ascontiguousarray(scene.shape).tobytes()
     for part in (scene.system.cells, scene.system.angles):
         if part is not None:
             yield from (np.ascontiguousarray(getattr(part, field.name)).tobytes() for field in fields(part))

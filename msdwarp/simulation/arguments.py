@@ -51,7 +51,13 @@ def problem_of(name: str, scene: Problem | System, **around: Any) -> Problem:
     Raises ValueError if it is neither, or a field is given beside a scene.
     """
     defaults = {"gravity": GRAVITY, "colliders": (), "loads": (), "contact": None, "schedule": (), "probes": None}
-    given = {name: value for name, value in around.items() if value is not defaults[name]}
+    nothing = {"colliders", "loads", "schedule", "probes"}  # what says as little as the default if it is empty
+    given: dict[str, Any] = {
+        name: value
+        for name, value in around.items()
+        if value is not defaults[name]
+        and not (name in nothing and isinstance(value, list | tuple | dict) and not value)
+    }
     if not isinstance(scene, Problem):
         checks.instance(name, scene, System, "chain(5), or a Scene")
         return Problem(system=scene, **given)

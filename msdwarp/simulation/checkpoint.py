@@ -42,8 +42,8 @@ def saved_run(run: Run) -> tuple[dict[str, NDArray], dict[str, Any]]:
     arrays |= saved_system(now.system) | saved_drives(run.start.loads, now)
     numbers = _saved_choice(stepping.choice, stepping.watch.baseline)
     own = {"frame_index": run.frame_index, "changes": len(run.schedule) - len(run.due), "fps": run.chooser.fps}
-    gravity = run.problem.gravity
-    if gravity is not run.start.gravity and not callable(gravity):
+    gravity, at_start = run.problem.gravity, run.start.gravity
+    if not callable(gravity) and (callable(at_start) or not np.array_equal(gravity, at_start)):
         own["gravity"] = np.asarray(gravity, dtype=float).tolist()
     own |= {"integrator": repr(run.chooser.method), "chosen": [list(one) for one in run.substep_history]}
     return arrays, own | numbers | (run.controller.saved() if run.controller is not None else {})

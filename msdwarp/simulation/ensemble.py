@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -16,7 +16,7 @@ from ..bodies import System
 from ..engine import WorldStatus, assemble_worlds
 from ..integrators import SAFETY, Integrator
 from ..runtime import calling, exclusive, in_turn
-from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Scene
+from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Problem, Scene
 from .arguments import frame_count, parameter_rows, problem_of
 from .checkpoint import saved_drives, saved_system, saved_worlds
 from .divergence_error import SimulationDiverged
@@ -304,7 +304,7 @@ class Ensemble(Present):
         if "friction" in self._rows:
             each, obstacles = self._parameter_of("friction", world).tolist(), list[Any](start_now.colliders)
             around["colliders"] = [replace(one, friction=mu) for one, mu in zip(obstacles, each, strict=True)]
-        around |= {name: options.pop(name) for name in options.keys() & vars(start_now).keys()}
+        around |= {name: options.pop(name) for name in options.keys() & {one.name for one in fields(Problem)}}
         own: dict[str, Any] = {
             "collider_rule": self._collider_rule,
             "precision": self.model.precision,

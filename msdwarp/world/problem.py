@@ -56,7 +56,8 @@ class Problem:
         bound(self.loads, self.system)
         object.__setattr__(self, "gravity", checks.as_now(self.gravity))
         gravity_at(self.gravity, np.zeros(1), dim)
-        object.__setattr__(self, "probes", checked_probes(self.probes, self.system, self.colliders, self.loads))
+        probes = {} if self.probes is None else self.probes
+        object.__setattr__(self, "probes", checked_probes(probes, self.system, self.colliders, self.loads))
         if self.shape is not None:
             shape = checks.finite("shape", self.shape)
             object.__setattr__(self, "shape", checks.broadcast("shape", shape, self.system.position.shape))
@@ -79,8 +80,12 @@ class Problem:
             raise ValueError(
                 f"contact is {self.contact}; it must be a Contact, such as Contact(), several, or None"
             )
-        given = (self.contact,) if isinstance(self.contact, Contact) else self.contact or ()
+        given = (
+            (self.contact,) if isinstance(self.contact, Contact) else () if self.contact is None else self.contact
+        )
         rules = checks.sequence("contact", given, Contact, "Contact(friction=0.5)")
+        if not (self.contact is None or isinstance(self.contact, Contact)):
+            object.__setattr__(self, "contact", tuple(rules))  # it may be an iterator, or a list that changes
         return Ruled((*(one for one in self.loads if not isinstance(one, Contact)), *rules))
 
     def replace(self, **changes: Any) -> Self:

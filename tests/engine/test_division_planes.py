@@ -6,6 +6,7 @@ import pytest
 from benchmarks.accuracy import crossings
 from msdwarp import (
     Contact,
+    Force,
     Material,
     PrescribedMotion,
     Simulation,
@@ -251,3 +252,21 @@ def test_a_driven_end_that_meets_a_wall_of_cloth_is_held_back_and_told():
     assert thrown_apart.held_back == 0.0
     simulation.step(3)
     assert simulation.frame().position[SIZE:, 2].min() > 0
+
+
+@pytest.mark.filterwarnings("ignore::msdwarp.checks.StepWarning")  # one substep is too long on purpose
+@pytest.mark.parametrize("driven", [False, True], ids=["pushed", "driven"])
+def test_what_starts_within_a_substep_goes_through_nothing(driven):
+    # From rest, so that no speed foretells it: 4000 N move a particle of 0.02 kg by 0.2 m in the first substep.
+    constants = {"mass": 0.02, "stiffness": 2e3, "damping": 0.5}
+    wall = box((5, 5, 2), 0.1, **constants).pin(slice(None))
+    die = box((2, 2, 2), 0.05, **constants).translate((0.02, 0.01, 0.105))
+    on = np.arange(50, 58)
+    if driven:
+        load = PrescribedMotion(on=on, motion=lambda t: (0.0, 0.0, -300.0 * min(0.01, max(0.0, t - 0.0305))))
+    else:
+        load = Force(lambda t: (0.0, 0.0, -4000.0 if 0.0305 < t < 0.0405 else 0.0), on=on)
+    how = {"gravity": 0.0, "precision": "float64", "device": "cpu", "fps": 1000.0, "substeps": 1}
+    simulation = Simulation(wall + die, contact=Contact(), loads=[load], **how)
+    heights = [frame.position[on, 2].mean() for frame in simulation.frames(0.06)]
+    assert min(heights) > 0.0  # where the middle of the wall is

@@ -260,3 +260,22 @@ def test_scenes_that_share_a_kernel_run_beside_each_other():
         simulation = Simulation(both, contact=Contact(), device="cpu", **around)
         simulation.step(2)
         assert np.isfinite(simulation.frame().position).all()
+
+
+def test_ropes_that_pass_each_other_fast_find_the_nearest_segments(monkeypatch):
+    # In a substep one moves by six segments. How far both may go before lists are made depends on their speed.
+    def flown() -> np.ndarray:
+        long, short = (chain(n, 0.01, mass=1.0, stiffness=100.0, damping=0.0) for n in (400, 4))
+        short = short.translate((-1.7, 0.003, 0.051)).with_velocity((10.0, 0.0, -0.5))
+        how = {"gravity": 0.0, "integrator": RK4(), "fps": 1 / 0.048, "substeps": 8, "allow_unstable": True}
+        contact, deepest = Contact(restitution=1.0, friction=0.0, thickness=0.05, stiffness=5.0), 0.0
+        simulation = Simulation(long + short, contact=contact, precision="float64", device="cpu", **how)
+        for _ in range(4):
+            simulation.step()
+            deepest = max(deepest, contact_of(simulation).deepest)
+        assert deepest > 0
+        return np.concatenate(simulation.frame()[1:])
+
+    expected = flown()
+    search_always(monkeypatch)
+    np.testing.assert_array_equal(flown(), expected)

@@ -185,9 +185,9 @@ class BodyContact(WithHistory):
         self.neighbors.invalidate()
 
     @property
-    def recorded_for(self) -> tuple[int, bool]:
-        """What recorded launches depend on: how often searches may begin, and whether pairs are kept apart."""
-        return self.neighbors.check_every, self.planes.awake
+    def recorded_for(self) -> tuple[int, tuple[bool, bool]]:
+        """What recorded launches depend on: how often searches may begin, and how pairs are kept apart."""
+        return self.neighbors.check_every, self.planes.recorded_for
 
     def begin_substep(self, substep: int) -> bool:
         """Pass the number of the coming substep to the neighbor list."""

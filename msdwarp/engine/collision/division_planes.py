@@ -25,6 +25,7 @@ from ...kernels.collision.near_pairs import clear_pairs
 from ...kernels.collision.pair_gaps import find_alarm, measure_pairs
 from ...kernels.collision.pair_impulses import find_violations, move_pushed, push_pairs
 from ...kernels.collision.pair_search import find_near_facets, find_pairs, list_tests
+from ...kernels.collision.pairs import FAR
 from ...kernels.collision.tangles import find_tangles
 from ...kernels.lanes import WARP
 from ..model.effect import Effect
@@ -48,6 +49,8 @@ MOST_IN_CLUSTER = 2**15
 """With more pairs each kernel is a launch, since a cluster has too few threads."""
 CLUSTER = 8
 """Blocks in the cluster that runs all of them in one launch."""
+SURPRISED = 4
+"""Frames for which all near pairs are measured after something has moved further than it was expected to."""
 QUIET = 60
 """After this many frames in which no pair came too near, no launch keeps pairs apart until one does."""
 NEAR_A_FACET = 8
@@ -141,7 +144,7 @@ class DivisionPlanes(Effect):
         heaviest = float(mass[np.isfinite(mass)].max(initial=0.0))
         self.per_unit = 1.0 / unit_of_sums(heaviest * thickness)
         # Solid bodies seldom come so near each other that pairs must be kept apart.
-        self.may_sleep, self._quiet = bool(on_host.solid.all()), 0
+        self.may_sleep, self._quiet, self._surprised = bool(on_host.solid.all()), 0, 0
         self.awake = not self.may_sleep
         """Whether pairs are kept apart in the coming frame; if wrongly not, the frame is repeated."""
         self._measure: Any = measure_pairs(scalar, self.may_sleep)
@@ -218,7 +221,9 @@ class DivisionPlanes(Effect):
         """Launch the test whether surfaces may come so near that their pairs must be kept apart."""
         if self.may_sleep:
             kernel, neighbors = find_alarm(self._model.scalar), self.neighbors
-            inputs = [self._contact, self.pairs, self.activation, neighbors.dt]
+            # What gets its speed within a substep is foretold by no distance: then all pairs are measured.
+            within = self.activation if self._surprised == 0 else FAR
+            inputs = [self._contact, self.pairs, within, neighbors.dt]
             neighbors.launch_parts(kernel, len(self.pairs.vertices), inputs, [neighbors.flags], PAIR_THREADS)
 
     def end_substep(self, before: Instant, after: Instant, substep: int) -> None:
@@ -273,17 +278,24 @@ class DivisionPlanes(Effect):
             wp.capture_if(pairs.many, launch_each)
             self._signals.zero_()
 
-    def judge(self, pairs: int) -> bool:
+    @property
+    def recorded_for(self) -> tuple[bool, bool]:
+        """What recorded launches depend on: whether pairs are kept apart, and whether all of them are measured."""
+        return self.awake, self._surprised > 0
+
+    def judge(self, pairs: int, held: bool) -> bool:
         """Decide whether coming frames keep pairs apart; return whether the finished frame must be repeated.
 
         `pairs` is the number of pairs if surfaces might meet or the list was full, else 0. If it was full,
-        the repeated frame decides.
+        the repeated frame decides. `held` tells whether nothing moved further than expected.
         """
+        if self.may_sleep:
+            self._surprised = max(0, self._surprised - 1) if held else SURPRISED
         if pairs > len(self.pairs.vertices):
             return True
         missed = pairs > 0 and not self.awake
         self._quiet = 0 if pairs else self._quiet + 1
-        self.awake = pairs > 0 or not self.may_sleep or (self.awake and self._quiet < QUIET)
+        self.awake = pairs > 0 or not held or not self.may_sleep or (self.awake and self._quiet < QUIET)
         return missed
 
     def extend(self, pairs: int, near_facets: int) -> bool:

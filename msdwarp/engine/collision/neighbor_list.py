@@ -343,7 +343,7 @@ class NeighborList:
             self.buffer.fill_(self._skin_now)
             self.invalidate()
         overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
-        overflown |= self.planes.judge(pairs)
+        overflown |= self.planes.judge(pairs, held)
         overflown |= near_facets > 0
         self._make_room(int(longest), int(body_pairs), pairs, near_facets)
         return not held or overflown

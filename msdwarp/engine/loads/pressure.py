@@ -105,8 +105,8 @@ class Gases(SurfacePressure):
         gases = self._gases = [one for _, one in named]
         super().__init__(model, gases, vertices, gas=True)
         self._names = [name for name, _ in named]
-        self._law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
-        model.kernels.note(self._law, block=THREADS)
+        self._gas_law = gas_law(model.dim, model.scalar, model.compensated, self._faces.mixed)
+        model.kernels.note(self._gas_law, block=THREADS)
         self.data.value = wp.zeros((model.worlds, len(gases)), dtype=model.scalar, device=model.device)
         self.by_world = (*self.by_world, "value")
         numbers = [(one.pressure + one.outside, one.outside, one.volume, one.exponent) for one in gases]
@@ -122,7 +122,7 @@ class Gases(SurfacePressure):
             stride = len(x) // model.worlds
         inputs = [self.data.faces.corner, self._ends, self._numbers, x, compensation.x, stride]
         count, out = model.worlds * len(self._gases) * threads, [self.data.value]
-        wp.launch(self._law, count, inputs, out, device=model.device, block_dim=threads)
+        wp.launch(self._gas_law, count, inputs, out, device=model.device, block_dim=threads)
 
     def elements(self) -> Elements:
         """Return the triangles as elements, for gradients; `Elements.prepare` first sums over each gas."""

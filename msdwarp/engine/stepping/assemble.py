@@ -296,8 +296,8 @@ def assemble_worlds(problem: Problem, worlds: int, rows: Rows, **options: Any) -
     for k, one in enumerate(problem.loads):
         if "position" in rows and one.of_start:
             raise ValueError(
-                f"position differs between worlds, and loads[{k}], {one!r}, starts from the positions of the "
-                "scene; in an ensemble with such a load all worlds must start alike"
+                f"position differs between worlds, and loads[{k}], {one.given or one!r}, starts from the "
+                "positions of the scene; in an ensemble with such a load all worlds must start alike"
             )
     assembly = assemble(problem, worlds=worlds, rows=rows, **options)
     model = assembly.model
