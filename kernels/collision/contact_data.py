@@ -9,11 +9,11 @@ from ..effect import ForceTerm, instant
 from ..records import table
 
 MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS, DEEPEST, HELD_BACK, PAIRS, ACTIVE, NEAR_FACETS = range(10)
-"""Indices of flags: longest path of a vertex since the last search, less what its body may move beyond half of the
-skin [m]; longest path in a substep, of all vertices and of those of bodies near others; longest row; most bodies
-near one body; deepest overlap [m]; largest displacement that was prevented in a substep [m]. The first world also
-has, for all worlds, the numbers of near pairs, of points with facets near them, and of facets near each other or
-tests of them for which there was no room."""
+"""Indices of flags: longest path of a vertex since the last search, less what it may move beyond half of the skin
+[m]; longest path in a substep, of all vertices and of those of bodies near others; longest row; most bodies near
+one body; deepest overlap [m]; largest displacement that was prevented in a substep [m]. The first world also has,
+for all worlds, the numbers of near pairs, of points with facets near them, and of facets near each other, or
+tests of them, for which there was no room."""
 FLAGS = 10
 NOT_DUE, DUE, FORCED = range(3)
 """Whether lists must be made: no; yes, since vertices have moved far; yes, since positions were changed."""
@@ -249,7 +249,7 @@ def Substep(scalar: type):
         h: scalar  # length of the coming substep [s]; 0 for measurements, which change no history
         rate: scalar  # largest rate of all dampers at a vertex [1/s]
         per_unit: wp.float64  # units of force per newton [1/N]; in an ensemble each world has its own
-        buffer: scalar  # bound on how much distances have shrunk since the last search [m]
+        buffer: scalar  # the skin [m]
         parts: int  # number of parts for threads of the CPU
 
     return Substep
