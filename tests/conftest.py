@@ -21,6 +21,8 @@ if sys.dont_write_bytecode:
 # Tests run side by side already: several threads for each core would wait for each other, those of NumPy too.
 os.environ.setdefault("MSDWARP_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# JAX would take three quarters of a GPU's memory for itself, and leave none to tests beside it.
+os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
 
 import pytest
 import warp as wp
