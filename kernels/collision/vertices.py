@@ -98,7 +98,9 @@ class TearingFacets:
     spring: wp.array2d(dtype=int)  # along its three sides, below 0: none, shape [facet_count, 3]
     least: wp.array(dtype=int)  # the facet has torn if so many of them are broken
     corner: wp.array(dtype=wp.vec3i)
-    owned: wp.array(dtype=int)  # see `NearPairs`
+    part: wp.array2d(dtype=int)  # its corners and sides, see `parts_of_facets`, shape [facet_count, 6]
+    first: wp.array(dtype=int)  # row starts of around, by parts, shape [part_count + 1]
+    around: wp.array(dtype=int)  # the facets that share a part, in order, shape [any]
     # Points, shape [point_count]:
     along: wp.array(dtype=int)  # the spring that it lies on, below 0: none
     fraction: wp.array(dtype=wp.float64)
@@ -108,8 +110,9 @@ class TearingFacets:
 def leave_out_torn(scalar: type):
     """Compose the kernel that turns torn facets into grains, and points on broken springs into vertices.
 
-    A torn facet remains as its first corner only, a point as its first end. If any facet changes, a new search is
-    due. The threads divide the facets and the points.
+    A torn facet remains as its first corner only, a point as its first end. The first facet around a corner or
+    side that has not torn owns it, a grain its corner if all have torn. If any facet changes, a new search is due.
+    The threads divide the facets and the points.
     """
     Data, Pairs = BodyContactData(scalar), NearPairs(scalar)
 
@@ -119,22 +122,39 @@ def leave_out_torn(scalar: type):
             return False
         return wp.isfinite(tearing.broken_at[spring])
 
+    @wp.func
+    def has_torn(tearing: TearingFacets, facet: int) -> bool:
+        broken = int(0)
+        for k in range(3):
+            broken += int(is_broken(tearing, tearing.spring[facet, k]))
+        return broken >= tearing.least[facet]
+
+    @wp.func
+    def owner_of(tearing: TearingFacets, part: int) -> int:
+        """Return the first facet around a part that has not torn; -1 if all have."""
+        for e in range(tearing.first[part], tearing.first[part + 1]):
+            if not has_torn(tearing, tearing.around[e]):
+                return tearing.around[e]
+        return -1
+
     @kernel
     def leave_out(data: Data, pairs: Pairs, tearing: TearingFacets, threads: int, part: int, parts: int):
         i = first_of_part(grid_thread(), part)
         while i < tearing.corner.shape[0] or i < tearing.along.shape[0]:
             if i < tearing.corner.shape[0]:
-                broken = int(0)
-                for k in range(3):
-                    broken += int(is_broken(tearing, tearing.spring[i, k]))
                 corner = tearing.corner[i]
-                owned = tearing.owned[i]
-                if broken >= tearing.least[i]:
+                owned = int(0)
+                if has_torn(tearing, i):
                     corner = wp.vec3i(corner[0], corner[0], corner[0])
-                    owned &= 0b001001  # the first corner and side, as of a grain
+                    if owner_of(tearing, tearing.part[i, 0]) < 0:
+                        owned = 0b001001  # the first corner and side, as of a grain
+                else:
+                    for k in range(6):
+                        if tearing.part[i, k] >= 0:
+                            owned |= int(owner_of(tearing, tearing.part[i, k]) == i) << k
+                pairs.owned[i] = owned
                 if corner[1] != data.surfaces.corner[i][1]:
                     data.surfaces.corner[i] = corner
-                    pairs.owned[i] = owned
                     data.neighbors.due[0] = wp.static(FORCED)
             if i < tearing.along.shape[0]:
                 data.surfaces.fraction[i] = scalar(tearing.fraction[i])

@@ -88,3 +88,23 @@ def test_threads_and_worlds_leave_out_the_same(device):
         alone.step(10)
         np.testing.assert_array_equal(worlds.system_of(world).position, alone.frame().position)
         assert alone.snapshot().broken.any()
+
+
+@pytest.mark.parametrize("lone", [1, 2])  # the triangles share the diagonal from 0 to 3
+def test_what_is_left_beside_a_torn_triangle_passes_through_nothing(lone, device):
+    # A square of two triangles loses all springs of a corner. The rest flies at a plate with a corner ahead.
+    square = sheet((2, 2), SPACING, **STIFF)
+    square = square.replace(broken_at=np.where((square.connections == lone).any(axis=1), 0.0, np.inf))
+    plate = sheet((2, 2), 1.0, mass=1.0, stiffness=3e3).pin(slice(None))
+    plate = plate.translate(-plate.position.mean(axis=0))
+    across, rest = square.position - square.position.mean(axis=0), np.setdiff1d(range(4), lone)
+    for tip in rest:
+        down = across[tip] / np.linalg.norm(across[tip])
+        upright = np.stack([across @ np.cross([0.0, 0.0, 1.0], down), np.zeros(4), -(across @ down)], axis=1)
+        above = np.array([0.11, 0.07, 0.05]) - [0.0, 0.0, upright[:, 2].min()]
+        thrown = square.replace(position=upright + above).with_velocity((0.0, 0.0, -100.0))
+        simulation = Simulation(
+            thrown + plate, contact=Contact(thickness=THICKNESS), fps=1e3, gravity=0.0, device=device
+        )
+        simulation.step(3)
+        assert simulation.frame().position[rest, 2].min() > 0.0, tip

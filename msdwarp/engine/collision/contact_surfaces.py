@@ -140,6 +140,19 @@ def sides_between(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArra
     return of_side.reshape(corner.shape), point[of_side].reshape(corner.shape)
 
 
+def parts_of_facets(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return a number for each corner and side of each facet, and the contact points there; -1: there is none.
+
+    Both have the shape [facet_count, 6]: three corners, then three sides. Facets that share a part have the same
+    number for it. The corners of a segment are two and that of a grain is one, and both have one side.
+    """
+    corner, (side, midpoint) = surfaces.corner, sides_between(surfaces)
+    part = np.concatenate([corner, len(surfaces.particle) + side], axis=1, dtype=np.int64)
+    part[corner[:, 1] == corner[:, 2], 2] = part[corner[:, 0] == corner[:, 1], 1] = -1
+    part[corner[:, 1] == corner[:, 2], 4:] = -1
+    return part, np.concatenate([corner, midpoint], axis=1, dtype=np.int64)
+
+
 def hosts(surfaces: TouchingSurfaces, midpoint: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return for each point a triangle on which it lies, -1 if it is on none; `midpoint` from `sides_between`."""
     corner, found = surfaces.corner, np.full(len(surfaces.ends) + 1, -1)  # the last stands for no point

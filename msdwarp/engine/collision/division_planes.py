@@ -32,7 +32,7 @@ from ..model.effect import Effect
 from ..model.model import Model
 from ..model.state import Instant
 from .contact_rules import ContactRules, unit_of_sums
-from .contact_surfaces import ContactSurfaces, sides_between
+from .contact_surfaces import ContactSurfaces, parts_of_facets
 from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
@@ -330,23 +330,19 @@ class DivisionPlanes(Effect):
         self._model.generation += 1
 
 
-def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
-    """Return the ends of each edge, the parts that each facet owns, as bits, and contact points there, -1: none.
+def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the ends of each edge, the parts that each facet owns, as bits, and contact points on its parts.
 
-    The parts of a facet are its corners (bits 0 to 2) and sides (3 to 5). The first facet around a vertex or edge
-    owns it. A grain (a particle that is a facet) counts as an edge with two equal ends.
+    The first facet around a vertex or edge owns it, see `parts_of_facets`. A point below 0: there is none. A grain
+    (a particle that is a facet) counts as an edge with two equal ends.
     """
-    corner, (side, midpoint) = surfaces.corner, sides_between(surfaces)
-    facets, triangle = len(corner), corner[:, 1] != corner[:, 2]
-    numbers = np.flatnonzero(np.stack([np.ones(facets, dtype=bool), triangle, triangle], axis=1))
-    _, first_side = np.unique(side.reshape(-1)[numbers], return_index=True)
-    vertex, first_corner = np.unique(corner, return_index=True)
-    owned, points = np.zeros((facets, 6), dtype=np.int32), np.full((facets, 6), -1)
-    facet, k = np.divmod(numbers[first_side], 3)
+    corner, (part, points) = surfaces.corner, parts_of_facets(surfaces)
+    number, first = np.unique(part, return_index=True)
+    facet, k = np.divmod(first[number >= 0], 6)
+    owned = np.zeros(part.shape, dtype=np.int64)
+    owned[facet, k] = 1 << k
+    facet, k = facet[k >= 3], k[k >= 3] - 3
     edge = np.sort(np.stack([corner[facet, k], corner[facet, (k + 1) % 3]], axis=1), axis=1)
-    owned[facet, k + 3], points[facet, k + 3] = 8 << k, midpoint[facet, k]
-    facet, k = np.divmod(first_corner, 3)
-    owned[facet, k], points[facet, k] = 1 << k, vertex
     return edge, owned.sum(axis=1), points.reshape(-1)
 
 

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from ...bodies import TouchingSurfaces, connection_between
 from ...kernels.collision.vertices import TearingFacets, leave_out_torn
 from ..model.model import Model
+from .contact_surfaces import parts_of_facets
 from .tables_by_world import Repeated
 
 NEVER = 4
 """More broken springs than a facet has sides."""
-NO_SPRING = -(2**30)
+NONE = -(2**30)
 """Below 0 in all worlds."""
 
 
@@ -36,16 +37,19 @@ class TornFacets:
         corner = surfaces.corner
         springs = _springs(model, surfaces, np.stack([corner, np.roll(corner, -1, axis=1)], axis=-1))
         triangle = corner[:, 1] != corner[:, 2]
-        springs[~triangle, 1:] = NO_SPRING  # the sides of a segment are one spring
+        springs[~triangle, 1:] = NONE  # the sides of a segment are one spring
         found = (springs >= 0).sum(axis=1)
         least = np.where(found == 3, 2, 1)
         least[(found == 0) | surfaces.solid[surfaces.body[corner[:, 0]]]] = NEVER
         data.broken_at = broken_at
         data.spring = each.alike(springs, int, model.connection_count)
         data.least = each.alike(least, int)
-        data.corner, data.owned = wp.clone(contact.surfaces.corner), wp.clone(pairs.owned)
+        data.corner, (part, _) = wp.clone(contact.surfaces.corner), parts_of_facets(surfaces)
+        order, counts = np.argsort(part, axis=None, kind="stable"), np.bincount(part[part >= 0])
+        data.part = each.alike(np.where(part < 0, NONE, part), int, len(counts))
+        data.first, data.around = each.starts(counts), each.alike(order[-counts.sum() :] // 6, int, len(corner))
         along = _springs(model, surfaces, surfaces.ends)
-        along[surfaces.solid[surfaces.body[surfaces.ends[:, 0]]]] = NO_SPRING
+        along[surfaces.solid[surfaces.body[surfaces.ends[:, 0]]]] = NONE
         data.along = each.alike(along, int, model.connection_count)
         data.fraction = each.alike(surfaces.fraction, wp.float64)
 
@@ -56,7 +60,7 @@ class TornFacets:
 
 
 def _springs(model: Model, surfaces: TouchingSurfaces, ends: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the spring between pairs of vertices, shape [..., 2], in the device's order; NO_SPRING if none.
+    """Return the spring between pairs of vertices, shape [..., 2], in the device's order; NONE if none.
 
     There is none at a vertex that is a mean of several particles.
     """
@@ -64,4 +68,4 @@ def _springs(model: Model, surfaces: TouchingSurfaces, ends: NDArray[np.int32]) 
     particle = np.take_along_axis(surfaces.particle, np.abs(surfaces.weight).argmax(axis=1)[:, None], axis=1)[:, 0]
     found = connection_between(model.system, particle[ends])
     on_device = model.in_system_order(np.arange(model.connection_count))[found]
-    return np.where(whole[ends].all(axis=-1) & (found >= 0), on_device, NO_SPRING)
+    return np.where(whole[ends].all(axis=-1) & (found >= 0), on_device, NONE)
