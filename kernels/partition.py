@@ -17,7 +17,13 @@ COUNT_UP = """
 """
 RAISE = """
 #if defined(__CUDA_ARCH__)
-    wp::atomic_max(numbers, at, value);
+    // The bits of numbers from 0 on have the order of integers, those below 0 the opposite one; NaN is largest.
+    // So no thread waits for another, as threads do in Warp's own loop over compare-and-swap.
+    int* place = reinterpret_cast<int*>(&wp::index(numbers, at));
+    if (value < 0.0f)
+        atomicMin(reinterpret_cast<unsigned*>(place), __float_as_uint(value));
+    else
+        atomicMax(place, __float_as_int(value) & 0x7fffffff);
 #else
     wp::float32* place = &wp::index(numbers, at);
     wp::float32 before;
@@ -25,6 +31,25 @@ RAISE = """
     while (!(value <= before) && before == before)  // NaN stays
         if (__atomic_compare_exchange(place, &before, &value, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED))
             break;
+#endif
+"""
+EXTEND = """
+#if defined(__CUDA_ARCH__)
+    for (int k = 0; k < 3; ++k) {
+        int* low = reinterpret_cast<int*>(&wp::index(lower, at)) + k;
+        if (least[k] < 0.0f)
+            atomicMax(reinterpret_cast<unsigned*>(low), __float_as_uint(least[k]));
+        else
+            atomicMin(low, __float_as_int(least[k]) & 0x7fffffff);
+        int* high = reinterpret_cast<int*>(&wp::index(upper, at)) + k;
+        if (most[k] < 0.0f)
+            atomicMin(reinterpret_cast<unsigned*>(high), __float_as_uint(most[k]));
+        else
+            atomicMax(high, __float_as_int(most[k]) & 0x7fffffff);
+    }
+#else
+    wp::atomic_min(lower, at, least);
+    wp::atomic_max(upper, at, most);
 #endif
 """
 ADD_WHOLE = """
@@ -63,6 +88,14 @@ def count_up(numbers: wp.array(dtype=int), at: int) -> int:
 @wp.func_native(RAISE)
 def raise_to(numbers: wp.array(dtype=float), at: int, value: float):
     """Replace numbers[at] by `value` if `value` is greater; NaN stays."""
+    ...
+
+
+@wp.func_native(EXTEND)
+def extend_to(
+    lower: wp.array(dtype=wp.vec3), upper: wp.array(dtype=wp.vec3), at: int, least: wp.vec3, most: wp.vec3
+):
+    """Extend the box between lower[at] and upper[at] to hold that from `least` to `most`; see `raise_to`."""
     ...
 
 

@@ -19,14 +19,14 @@ import warp as wp
 
 from ..basis import vector
 from ..lanes import wait_for_lanes
-from ..records import table
+from ..records import records, table
 from .contact_data import BodyContactData, Substep
 from .force_sums import exert_force
 from .history import memories, recall
 from .law import TANGENTIAL, contact_law, triangles
 from .nearest_facet import nearest_facets
 from .neighbor_search import each_active_point
-from .pairs import ALMOST, DOUBT, NONE, ROUNDING, Pair, crowding, hosts_of_points, next_in_order, places, points
+from .pairs import ALMOST, DOUBT, NONE, ROUNDING, Pair, crowding, next_in_order, places, points, weights_on_host
 
 FACING = 0.8
 """Least cosine between the normals of two surfaces for which a damper sees the approach to both, see `law`."""
@@ -47,7 +47,7 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
     press, record, per_unit_of = contact_law(scalar, overlapping_at_start, worlds)
     moved_along = recall(scalar)[1]
     exert, number_of = exert_force(scalar, lanes), table(scalar)
-    (_, triangle_of, turn_by, spin_of), host_of = triangles(scalar), hosts_of_points(scalar)
+    (_, triangle_of, turn_by), on_host = triangles(scalar), weights_on_host(scalar)
     damping_fraction = crowding(scalar)[0]
     zero, one, half, tangential = scalar(0.0), scalar(1.0), scalar(0.5), scalar(TANGENTIAL)
 
@@ -58,8 +58,6 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         lane: int,
         pair: PointAndBody,
         nearest: Nearest,
-        gap: scalar,  # [m]
-        normal: V,
         past: Memory,  # contact history of the point
         step: Step,
         flags: wp.array(dtype=float),
@@ -69,7 +67,8 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         moved = V()
         fastest = zero
         p = point.number
-        # Slow memory is read early, even if no contact is found afterwards.
+        # Slow memory is read early and together, even if no contact is found afterwards.
+        x = data.surfaces.x
         v = data.surfaces.v
         u = place_of(v, point.ends, point.fraction) - place_on(v, nearest.corner, nearest.w)
         mobility = mobility_of(data.surfaces.mobility, point.ends, point.fraction)
@@ -77,22 +76,26 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
         for k in range(3):
             of_facet += nearest.w[k] * nearest.w[k] * number_of(data.surfaces.mobility, nearest.corner[k])
         mobility += of_facet
+        radius = data.surfaces.radius[pair.mine]
+        other_radius = data.surfaces.radius[pair.other]
+        two_sided = data.surfaces.solid[pair.mine] == 0
+        mine = triangle_of(x, v, point.host, radius)
+        other = triangle_of(x, v, nearest.corner, other_radius)
+        damping = damping_fraction(data, point, wp.static(int(measuring)))
+        gap = wp.sqrt(nearest.squared)
         overlap = pair.thickness - gap
         if wp.static(overlapping_at_start):
             overlap = overlap - data.history.initial_overlap[p]
         bears = overlap > zero and mobility > zero
         if bears:
             before, fastest_before = moved_along(past, pair.other)
-            x = data.surfaces.x
-            host, w_host = host_of(data, point)
-            radius = data.surfaces.radius[pair.mine]
-            other_radius = data.surfaces.radius[pair.other]
-            mine = triangle_of(x, host, radius)
-            other = triangle_of(x, nearest.corner, other_radius)
+            normal = V()
+            if gap > zero:
+                normal = nearest.away / gap
             own = wp.normalize(mine.normal)
             facing = wp.dot(own, normal)
-            if data.surfaces.solid[pair.mine] == 0 and facing > zero:
-                own = -own  # a sheet has two sides
+            if two_sided and facing > zero:
+                own = -own
                 facing = -facing
             if facing > scalar(-FACING):
                 own = V()
@@ -111,12 +114,12 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                 arm = -fraction * gap * normal
                 if other.inverse > zero:
                     other_arm = (one - fraction) * gap * normal
-                u_c += wp.cross(turn_by(mine, spin_of(mine, v, host)), arm)
-                u_c -= wp.cross(turn_by(other, spin_of(other, v, nearest.corner)), other_arm)
+                u_c += wp.cross(turn_by(mine, mine.spin), arm)
+                u_c -= wp.cross(turn_by(other, other.spin), other_arm)
             k_n, f_n, f_t, moved, fastest, u_n, u_t, slides = press(
                 pair,
                 point.density,
-                damping_fraction(data, point, wp.static(int(measuring))),
+                damping,
                 mobility,
                 of_facet,
                 overlap,
@@ -139,7 +142,8 @@ def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: in
                 on = data.surfaces.force
                 f = f_n * normal + f_t
                 by = per_unit_of(data, pair.mine, step)
-                exert(on, host, mine, f, w_host[1] * f, w_host[2] * f, wp.cross(arm, f_t), by, lane, step.parts)
+                w = on_host(point)
+                exert(on, point.host, mine, f, w[1] * f, w[2] * f, wp.cross(arm, f_t), by, lane, step.parts)
                 w = -nearest.w
                 couple = wp.cross(f_t, other_arm)
                 exert(on, nearest.corner, other, -f, w[1] * f, w[2] * f, couple, by, lane, step.parts)
@@ -161,8 +165,8 @@ def evaluate_contact(
     allowance shrinks to 0, so that bodies are moved apart slowly and not thrown.
     """
     Data, Step = BodyContactData(scalar), Substep(scalar)
-    place_on, point_of, held = places(scalar)[1], points(scalar)[1], recall(scalar)[0]
-    _, find_nearest, separate = nearest_facets(scalar, lanes, worlds)
+    point_of, held, load = points(scalar)[1], recall(scalar)[0], records(3, scalar).load
+    _, candidate_at, find_nearest = nearest_facets(scalar, lanes, worlds)
     bear = bearing(scalar, overlapping_at_start, measuring, lanes, worlds)
     _, no_memory, remember, keep, shrink_overlap = memories(scalar)
     wait, count_touching, zero = wait_for_lanes(lanes), crowding(scalar)[1], scalar(0.0)
@@ -186,24 +190,25 @@ def evaluate_contact(
         first = int(0)
         if wp.static(measuring):  # sums of floats depend on their order
             first = next_in_order(data.neighbors.candidate_pair, data.neighbors.body_pairs, p, point.body, n, -1)
+        leading = candidate_at(data, p, first)
+        candidate = candidate_at(data, p, first + lane)
         while first < n:
             # The facets of one body are adjacent in the row; the nearest one counts.
-            pair = data.neighbors.pairs[point.body, data.neighbors.candidate_pair[p, first]]
+            pair = data.neighbors.pairs[point.body, leading.place]
+            a = load(data.surfaces.x, candidate.facet[0])
+            b = load(data.surfaces.x, candidate.facet[1])
+            c = load(data.surfaces.x, candidate.facet[2])
             # The first facet in the list was the nearest: if the bodies have not come so near, none touches.
-            nearest_then = data.neighbors.candidate_distance[p, first]
             paths = data.neighbors.moved[point.body] + data.neighbors.moved[pair.other]
             if wp.static(not measuring):
                 doubt = scalar(wp.static(ROUNDING[scalar])) * wp.length(point.x)
-                if scalar(ALMOST) * nearest_then - scalar(paths) - doubt > pair.thickness:
+                if scalar(ALMOST) * leading.distance - scalar(paths) - doubt > pair.thickness:
                     if data.neighbors.candidate_pair[p, n - 1] == pair.place:
                         break
-            nearest = find_nearest(data, point, lane, pair, first, scalar(paths) + scalar(DOUBT) * step.buffer)
-            away = point.x - place_on(data.surfaces.x, nearest.corner, nearest.w)
+            shrunk = scalar(paths) + scalar(DOUBT) * step.buffer
+            nearest = find_nearest(data, point, n, lane, first, candidate, a, b, c, pair, shrunk)
             if nearest.squared < pair.thickness * pair.thickness:
-                gap, normal = separate(nearest, away)
-                bears, moved, fastest, more, heat = bear(
-                    data, point, lane, pair, nearest, gap, normal, past, step, flags
-                )
+                bears, moved, fastest, more, heat = bear(data, point, lane, pair, nearest, past, step, flags)
                 if bears:
                     energy += more
                     power += heat
@@ -213,6 +218,8 @@ def evaluate_contact(
                 first = next_in_order(
                     data.neighbors.candidate_pair, data.neighbors.body_pairs, p, point.body, n, pair.other
                 )
+            leading = candidate_at(data, p, first)
+            candidate = candidate_at(data, p, first + lane)
         wait()  # before the history is written, all threads of the point have read it
         if lane == 0:
             if wp.static(measuring):

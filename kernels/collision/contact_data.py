@@ -105,8 +105,8 @@ def BodyContactData(scalar: type):
         x_found: wp.array(dtype=V)  # positions of vertices at the last search [m], in records
         since: wp.array(dtype=float)  # time from the last search to the end of the last substep [s], shape [1]
         due: wp.array(dtype=int)  # whether lists are invalid: NOT_DUE, DUE or FORCED, shape [1]
-        # Rows of facets near points:
-        candidates: wp.array2d(dtype=int)  # facets, grouped by body, shape [point_count, room]
+        # Rows of facets near points, grouped by body:
+        candidates: wp.array2d(dtype=wp.vec4i)  # corners of facets, and their numbers, shape [point_count, room]
         candidate_pair: wp.array2d(dtype=int)  # body of each candidate, as an index in the row of body_pairs
         candidate_distance: wp.array2d(dtype=scalar)  # distance at the last search [m]
         candidate_count: wp.array(dtype=int)  # length of each row
@@ -117,7 +117,8 @@ def BodyContactData(scalar: type):
         search_point_count: wp.array(dtype=int)  # number of search_points, shape [1]
         active_points: wp.array(dtype=int)  # points that have a row, or overlap since the start, in any order
         active_count: wp.array(dtype=int)  # number of active_points, shape [1]
-        speeds: wp.array(dtype=wp.vec3)  # of active points by axis: max v and max −v [m/s], shape [2]
+        slowest: wp.array(dtype=wp.vec3)  # lowest velocity of active points by axis [m/s], shape [1]
+        fastest: wp.array(dtype=wp.vec3)  # highest
         # How far each may move before the next search [m]:
         slack: wp.array(dtype=float)  # of vertices, shape [vertex_count]
         facet_slack: wp.array(dtype=scalar)  # of facets: that of their fastest corner, shape [facet_count]

@@ -25,7 +25,7 @@ import functools
 
 import warp as wp
 
-from ..basis import as_function, kernel, vector
+from ..basis import as_function, fast_kernel, vector
 from ..partition import raise_to
 from ..records import records
 from ..threads import grid_thread, wait
@@ -72,7 +72,7 @@ def catch_up(scalar: type):
     V, Pairs = vector(3, scalar), NearPairs(scalar)
     load, store, _ = records(3, scalar)
 
-    @kernel
+    @fast_kernel
     def follow(
         pairs: Pairs,
         x: wp.array(dtype=V),  # positions at the substep's start [m]
@@ -179,7 +179,7 @@ def truncate_displacements(scalar: type):
                     for s in range(f[v], f[v + 1]):
                         lower_to(pairs.truncation, p[s], wp.float32(0.9999 * wp.float32(allowed / towards[m])))
 
-    @kernel
+    @fast_kernel
     def truncate_all(pairs: Pairs, motion: Moving, number: int, threads: int):
         every = number > 0 or pairs.exceeded[0] != 0
         last = pairs.watched_count[0]
@@ -207,7 +207,7 @@ def mark_held(scalar: type):
     """Compose the kernel that marks the particles which are held back; its threads divide the particles."""
     Pairs, Moving = NearPairs(scalar), Motion(scalar)
 
-    @kernel
+    @fast_kernel
     def mark_all(pairs: Pairs, motion: Moving, number: int, threads: int):
         n = grid_thread()
         while n < pairs.particle_count[0] and pairs.cutting[0] != 0:
@@ -248,7 +248,7 @@ def hold_particles(scalar: type):
                 pairs.contact_impulse[i] += wp.vec3d(lost) / wp.float64(h * pairs.inverse_mass[i])
         return float(wp.length(lost))
 
-    @kernel
+    @fast_kernel
     def hold_all(pairs: Pairs, motion: Moving, threads: int, flags: wp.array(dtype=float)):
         n = grid_thread()
         if n == 0:
@@ -322,7 +322,7 @@ def keep_apart(scalar: type, blocks: int):
             pairs.alarm[0] = 0
             pairs.watched_count[0] = 0
 
-    return kernel(keep, launch_bounds=MOST_THREADS, cluster_dim=blocks)
+    return fast_kernel(keep, launch_bounds=MOST_THREADS, cluster_dim=blocks)
 
 
 @functools.cache
@@ -330,7 +330,7 @@ def end_round(scalar: type):
     """Compose the kernel that ends a round whose kernels are launches; it clears `many` after the last round."""
     Pairs = NearPairs(scalar)
 
-    @kernel
+    @fast_kernel
     def end_round_of_impulses(pairs: Pairs):
         following = pairs.round[0] + 1
         pairs.round[0] = following

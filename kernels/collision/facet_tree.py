@@ -13,6 +13,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, lowest_of_lanes
+from ..partition import extend_to
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
@@ -90,8 +91,7 @@ def box_around(a: wp.vec3, b: wp.vec3, c: wp.vec3):
 def extend(low: wp.array(dtype=wp.vec3), high: wp.array(dtype=wp.vec3), i: int, least: wp.vec3, most: wp.vec3):
     """Extend box i to hold the box from `least` to `most`, atomically."""
     if not (wp.min(least, low[i]) == low[i] and wp.max(most, high[i]) == high[i]):  # seldom
-        wp.atomic_min(low, i, least)
-        wp.atomic_max(high, i, most)
+        extend_to(low, high, i, least, most)
 
 
 @functools.cache
@@ -157,7 +157,7 @@ def drifts(scalar: type):
 
     @wp.func
     def drift_of(data: Data) -> wp.vec3:
-        return 0.5 * (data.neighbors.speeds[0] - data.neighbors.speeds[1])
+        return 0.5 * (data.neighbors.fastest[0] + data.neighbors.slowest[0])
 
     return drift_of
 
@@ -368,8 +368,8 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
     ):
         if grid_thread() == 0:
             data.neighbors.due[0] = wp.static(NOT_DUE)
-            for k in range(2):
-                data.neighbors.speeds[k] = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
+            data.neighbors.slowest[0] = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
+            data.neighbors.fastest[0] = -data.neighbors.slowest[0]
         i = grid_thread() / wp.static(lanes)
         while i < tree.body_lower.shape[0]:
             lane = grid_thread() % wp.static(lanes)

@@ -23,7 +23,7 @@ def exert_force(scalar: type, lanes: int):
     Of the force f_1 and f_2 act on its second and third corners. In units of 1 / per_unit [N] the forces on the
     corners sum to exactly f. The `lanes` threads of a contact divide the coordinates.
     """
-    V, (Triangle, _, turn_by, _) = vector(3, scalar), triangles(scalar)
+    V, (Triangle, _, turn_by) = vector(3, scalar), triangles(scalar)
     third = scalar(1.0 / 3.0)
 
     @wp.func

@@ -144,7 +144,7 @@ def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
 
 @functools.cache
 def triangles(scalar: type):
-    """Compose (Triangle, triangle_of, turn_by, spin_of): rigid turns of a triangle, see the module's docstring.
+    """Compose (Triangle, triangle_of, turn_by): rigid turns of a triangle, see the module's docstring.
 
     With the sides e and f from the first corner, and N = e × f, J⁻¹ c is
     ((2e − f)(e·c) + (2f − e)(f·c)) / N² + N (N·c) / (N² Σρ²).
@@ -156,12 +156,13 @@ def triangles(scalar: type):
     class Triangle:
         first: V  # sides from the first corner to the others [m]
         second: V
-        normal: V  # their cross product [m²], outward
+        normal: V  # their cross product [m²], outward; 0 for a segment or a point
         inverse: scalar  # 1 / normal² [1/m⁴]; 0 if it takes no couple
         spread: scalar  # Σ ρ² of the corners [m²]
+        spin: V  # Σ ρ × u for the velocities u of the corners [m²/s]
 
     @wp.func
-    def triangle_of(x: wp.array(dtype=V), corner: wp.vec3i, radius: scalar) -> Triangle:
+    def triangle_of(x: wp.array(dtype=V), v: wp.array(dtype=V), corner: wp.vec3i, radius: scalar) -> Triangle:
         """Return a triangle of a shell of some radius.
 
         It takes no couple if it is a segment or a point, or much lower than the radius, which is the arm, so that
@@ -170,15 +171,15 @@ def triangles(scalar: type):
         a = load(x, corner[0])
         e = load(x, corner[1]) - a
         f = load(x, corner[2]) - a
-        triangle = Triangle(e, f, V(), zero, zero)
-        if corner[1] != corner[2]:
-            normal = wp.cross(e, f)
-            triangle.normal = normal
-            triangle.spread = two * third * (wp.dot(e, e) + wp.dot(f, f) - wp.dot(e, f))
-            square = wp.dot(normal, normal)
-            if third * square > scalar(wp.static(LOWEST * LOWEST)) * radius * radius * triangle.spread:
-                triangle.inverse = one / square
-        return triangle
+        u = load(v, corner[1])
+        w = load(v, corner[2])
+        mean = third * (load(v, corner[0]) + u + w)
+        normal = wp.where(corner[1] == corner[2], V(), wp.cross(e, f))
+        square = wp.dot(normal, normal)
+        spread = two * third * (wp.dot(e, e) + wp.dot(f, f) - wp.dot(e, f))
+        high = third * square > scalar(wp.static(LOWEST * LOWEST)) * radius * radius * spread
+        spin = wp.cross(e, u - mean) + wp.cross(f, w - mean)
+        return Triangle(e, f, normal, wp.where(high, one / square, zero), spread, spin)
 
     @wp.func
     def turn_by(t: Triangle, couple: V) -> V:
@@ -190,12 +191,4 @@ def triangles(scalar: type):
         turn = (two * along_e - along_f) * t.first + (two * along_f - along_e) * t.second
         return t.inverse * (turn + wp.dot(t.normal, couple) / t.spread * t.normal)
 
-    @wp.func
-    def spin_of(t: Triangle, v: wp.array(dtype=V), corner: wp.vec3i) -> V:
-        """Return Σ ρ × u [m²/s] for the velocities of the vertices."""
-        u = load(v, corner[1])
-        w = load(v, corner[2])
-        mean = third * (load(v, corner[0]) + u + w)
-        return wp.cross(t.first, u - mean) + wp.cross(t.second, w - mean)
-
-    return Triangle, triangle_of, turn_by, spin_of
+    return Triangle, triangle_of, turn_by

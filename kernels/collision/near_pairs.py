@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from ..basis import fully_hashed, kernel, vector
+from ..basis import fast_kernel, fully_hashed, vector
 from ..lanes import reserve
 from ..partition import count_up, raise_to
 from ..records import records
@@ -50,7 +50,7 @@ def clear_pairs(scalar: type):
     """
     Pairs = NearPairs(scalar)
 
-    @kernel
+    @fast_kernel
     def clear(pairs: Pairs, threads: int):
         i = grid_thread()
         if i == 0:

@@ -4,17 +4,17 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel, vector
+from ..basis import fast_kernel, vector
 from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_of_lanes, wait_for_lanes
-from ..partition import count_up, first_of_part, next_of_part, raise_to
+from ..partition import count_up, extend_to, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
 from .contact_data import ACTIVE, HISTORY, LONGEST_ROW, BodyContactData, Substep, first_flag
 from .facet_tree import NEVER, FacetTree, facets_within, margin_of_boxes, overlap
 from .pairs import FAR, NONE, never_touches, places
 
-ON_GPU, MANY_ON_GPU = 8, 4
-"""Threads per point on a GPU in scenes with triangles. For few points more threads, which also divide the facets
-around a point, are faster; many points fill a GPU anyway."""
+ON_GPU, MANY_ON_GPU = 8, 1
+"""Threads per point on a GPU in scenes with triangles. Several divide the facets around a point, but each of them
+finds the force: for few points that is faster; many points fill a GPU anyway."""
 MOST_BY_MORE = 2**14
 """Number of points of a world up to which ON_GPU is used."""
 FEW_ON_GPU = 2
@@ -59,11 +59,14 @@ def each_active_point(evaluate_point, scalar: type, lanes: int, counts_time: boo
                 raise_to(flags, wp.static(ACTIVE), float(data.neighbors.active_count[0]))
         k = first_of_part(grid_thread(), part) / wp.static(lanes)
         lane = grid_thread() % wp.static(lanes)
+        last = data.neighbors.active_points.shape[0] - 1
+        p = data.neighbors.active_points[wp.min(k, last)]  # read together with the number of points
         while k < data.neighbors.active_count[0]:
-            evaluate_point(data, data.neighbors.active_points[k], lane, step, flags, stored, heated)
+            evaluate_point(data, p, lane, step, flags, stored, heated)
             k = next_of_part(k, threads / wp.static(lanes), parts)
+            p = data.neighbors.active_points[wp.min(k, last)]
 
-    return kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar))
+    return fast_kernel(evaluate_points, launch_bounds=bounds_of_blocks(scalar))
 
 
 def each_search_point(find_one, scalar: type, lanes: int):
@@ -85,7 +88,7 @@ def each_search_point(find_one, scalar: type, lanes: int):
             find_one(data, tree, data.neighbors.search_points[e], lane, farthest, flags)
             e = next_of_part(e, threads / wp.static(lanes), parts)
 
-    return kernel(find, launch_bounds=bounds_of_blocks(scalar))
+    return fast_kernel(find, launch_bounds=bounds_of_blocks(scalar))
 
 
 @functools.cache
@@ -115,7 +118,7 @@ def find_candidates(scalar: type):
                     found = overlap(place - wide, place + wide, tree.body_lower[other], tree.body_upper[other])
         return found
 
-    @kernel
+    @fast_kernel
     def list_candidates(
         data: Data,
         tree: FacetTree,
@@ -181,6 +184,7 @@ def entries(scalar: type, lanes: int):
         row = before
         away = far
         slack = row.slack
+        c = wp.vec3i()
         if facet >= 0:
             slack += data.neighbors.facet_slack[facet]
             c = data.surfaces.corner[facet]
@@ -197,7 +201,7 @@ def entries(scalar: type, lanes: int):
         those = ballot(listed)
         at = row.count + count_before(those, lane)
         if listed and at < data.neighbors.candidates.shape[1]:
-            data.neighbors.candidates[row.point, at] = facet
+            data.neighbors.candidates[row.point, at] = wp.vec4i(c[0], c[1], c[2], facet)
             data.neighbors.candidate_distance[row.point, at] = away
         count = row.count + count_bits(those)
         row.count = wp.min(count, data.neighbors.candidates.shape[1])
@@ -214,13 +218,13 @@ def entries(scalar: type, lanes: int):
         first = int(wp.static(NONE))
         for chunk in range(row.begin, row.count, wp.static(lanes)):
             e = chunk + lane
-            facet = int(0)
+            facet = wp.vec4i()
             away = far
             keeps = bool(False)
             if e < row.count:
                 facet = data.neighbors.candidates[p, e]
                 away = data.neighbors.candidate_distance[p, e]
-                keeps = away - row.slack - data.neighbors.facet_slack[facet] <= limit
+                keeps = away - row.slack - data.neighbors.facet_slack[facet[3]] <= limit
             wait()
             those = ballot(keeps)
             if keeps:
@@ -331,7 +335,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
         most = int(0)
         known = int(-1)  # the previous nearest facet
         if data.neighbors.candidate_count[p] > 0:
-            known = data.neighbors.candidates[p, 0]
+            known = data.neighbors.candidates[p, 0][3]
         wait()
         wide = margin(wp.vec3(row.x), wp.vec3(row.x), farthest + row.slack)
         low = wp.vec3(row.x) - wide
@@ -359,21 +363,20 @@ def range_of_speeds(scalar: type, lanes: int):
     """
     Data, place_of, lowest = BodyContactData(scalar), places(scalar)[0], lowest_of_lanes(lanes)
 
-    @kernel
+    @fast_kernel
     def find_range(data: Data, threads: int):
         k = grid_thread()
-        fast = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
-        slow = wp.vec3(wp.static(-NEVER), wp.static(-NEVER), wp.static(-NEVER))
+        slow = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
+        fast = -slow
         while k < data.neighbors.active_count[0]:
             p = data.neighbors.active_points[k]
             v = wp.vec3(place_of(data.surfaces.v, data.surfaces.ends[p], data.surfaces.fraction[p]))
+            slow = wp.min(slow, v)
             fast = wp.max(fast, v)
-            slow = wp.max(slow, -v)
             k += threads
+        slow = lowest(slow)
         fast = -lowest(-fast)
-        slow = -lowest(-slow)
         if grid_thread() % wp.static(lanes) == 0 and fast[0] > wp.static(-NEVER):
-            wp.atomic_max(data.neighbors.speeds, 0, fast)
-            wp.atomic_max(data.neighbors.speeds, 1, slow)
+            extend_to(data.neighbors.slowest, data.neighbors.fastest, 0, slow, fast)
 
     return find_range

@@ -4,7 +4,7 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel, vector
+from ..basis import fast_kernel, vector
 from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..records import records
 from ..threads import grid_thread
@@ -134,7 +134,7 @@ def measure_pairs(scalar: type, watched: bool):
         # With a smaller gap, rounding would decide on which side a vertex is.
         pairs.least[k] = wp.max(least, rounding * wp.max(wp.abs(a)))
 
-    @kernel
+    @fast_kernel
     def find(
         pairs: Pairs,
         x: wp.array(dtype=V),  # positions at the substep's start [m]
@@ -180,7 +180,7 @@ def find_alarm(scalar: type):
     Data, Pairs = BodyContactData(scalar), NearPairs(scalar)
     load, zero, shortest = records(3, scalar).load, scalar(0.0), shortest_line(scalar)
 
-    @kernel
+    @fast_kernel
     def find(
         data: Data,
         pairs: Pairs,

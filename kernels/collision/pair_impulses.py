@@ -7,7 +7,7 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel, vector
+from ..basis import fast_kernel, vector
 from ..partition import count_up
 from ..records import records
 from ..threads import grid_thread
@@ -117,7 +117,7 @@ def find_violations(scalar: type):
                 for s in range(pairs.first_particle[v], pairs.first_particle[v + 1]):
                     wp.atomic_add(pairs.pushes, pairs.particle_of[s], 1)
 
-    @kernel
+    @fast_kernel
     def find(pairs: Pairs, motion: Moving, number: int, threads: int):
         this = number
         if number < 0:
@@ -186,7 +186,7 @@ def push_pairs(scalar: type):
                     wp.atomic_add(pairs.impulse, pairs.particle_of[s], c, part)
                 wp.atomic_add(pairs.impulse, pairs.particle_of[begin], c, on_vertex)
 
-    @kernel
+    @fast_kernel
     def push_apart(pairs: Pairs, motion: Moving, number: int, threads: int):
         n = grid_thread()
         while n < pairs.pushing_count[0]:
@@ -230,7 +230,7 @@ def move_pushed(scalar: type):
                 pairs.exceeded[0] = 1
             store(x_out, i, load(x_out, i) + moved)
 
-    @kernel
+    @fast_kernel
     def move(pairs: Pairs, motion: Moving, number: int, threads: int):
         n = grid_thread()
         if n == 0:

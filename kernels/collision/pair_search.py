@@ -8,7 +8,7 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel
+from ..basis import fast_kernel
 from ..lanes import WARP, ballot_of_lanes, count_bits, lowest_bit, lowest_of_lanes, reserve
 from ..partition import count_up, first_of_part, next_of_part, raise_to
 from ..threads import grid_thread
@@ -169,7 +169,7 @@ def find_near_facets(scalar: type, lanes: int, grains: bool = False):
                     else:
                         search_for_piece(tree, pairs, search, other, place, last, these, flags)
 
-    @kernel
+    @fast_kernel
     def find(
         data: Data,
         tree: FacetTree,
@@ -237,7 +237,7 @@ def list_tests(scalar: type):
             left &= left - wp.uint32(1)
             at += 1
 
-    @kernel
+    @fast_kernel
     def list_all(
         data: Data,
         pairs: Pairs,
@@ -275,7 +275,7 @@ def find_pairs(scalar: type, tangled: bool):
     search_between = searches(scalar)[2]
     _, test_point, test_edges, add_pair = pairs_of_facets(scalar, tangled)
 
-    @kernel
+    @fast_kernel
     def find(
         data: Data,
         pairs: Pairs,

@@ -110,6 +110,7 @@ def points(scalar: type):
     """Compose (Point, point_of, mobility_of): a contact point, its constructor, and its mobility [1/kg]."""
     V, Data, one = vector(3, scalar), BodyContactData(scalar), scalar(1.0)
     place_of, body_of, ends_of, number_of = places(scalar)[0], table(int), table(wp.vec2i), table(scalar)
+    corner_of = table(wp.vec3i)
 
     @wp.struct
     class Point:
@@ -118,7 +119,7 @@ def points(scalar: type):
         ends: wp.vec2i  # the two vertices between which it lies
         fraction: scalar  # weight of the second vertex
         density: scalar  # of the stiffness of a vertex
-        host: int  # a triangle that it lies on; below 0: none
+        host: wp.vec3i  # corners of a facet that it lies on
         x: V  # [m]
 
     @wp.func
@@ -129,7 +130,10 @@ def points(scalar: type):
         point.ends = ends_of(data.surfaces.ends, p)
         point.fraction = number_of(data.surfaces.fraction, p)
         point.density = number_of(data.surfaces.density, p)
-        point.host = body_of(data.surfaces.host, p)
+        host = body_of(data.surfaces.host, p)
+        point.host = corner_of(data.surfaces.corner, wp.max(host, 0))
+        if host < 0 or point.host[1] == point.host[2]:  # there is none, or it has torn
+            point.host = wp.vec3i(point.ends[0], point.ends[1], point.ends[1])
         point.x = place_of(data.surfaces.x, point.ends, point.fraction)
         return point
 
@@ -176,31 +180,23 @@ def crowding(scalar: type):
 
 
 @functools.cache
-def hosts_of_points(scalar: type):
-    """Compose (data, point) -> (corner, w): a facet on which a contact point lies, and its weights there.
-
-    If there is none, it is the segment between the point's two vertices.
-    """
-    V, Data, Point = vector(3, scalar), BodyContactData(scalar), points(scalar)[0]
-    corner_of, zero, one = table(wp.vec3i), scalar(0.0), scalar(1.0)
+def weights_on_host(scalar: type):
+    """Compose (point) -> the weights of a contact point among the corners of the facet that it lies on."""
+    V, Point, zero, one = vector(3, scalar), points(scalar)[0], scalar(0.0), scalar(1.0)
 
     @wp.func
-    def host_of(data: Data, point: Point):
-        corner = wp.vec3i(point.ends[0], point.ends[1], point.ends[1])
-        w = V(one - point.fraction, point.fraction, zero)
-        if point.host >= 0:
-            host = corner_of(data.surfaces.corner, point.host)
-            if host[1] != host[2]:  # else it has torn
-                corner = host
-                w = V()
-                for k in range(3):
-                    if corner[k] == point.ends[1]:
-                        w[k] = point.fraction
-                    if corner[k] == point.ends[0]:
-                        w[k] = one - point.fraction
-        return corner, w
+    def weights(point: Point) -> V:
+        first = int(2)
+        second = int(2)
+        for k in range(3):  # a segment or a vertex has the same corner more than once: the first counts
+            first = wp.where(point.host[2 - k] == point.ends[0], 2 - k, first)
+            second = wp.where(point.host[2 - k] == point.ends[1], 2 - k, second)
+        w = V()
+        for k in range(3):
+            w[k] = wp.where(k == first, one - point.fraction, wp.where(k == second, point.fraction, zero))
+        return w
 
-    return host_of
+    return weights
 
 
 @wp.func

@@ -50,23 +50,22 @@ def evaluate_segments_and_spheres(
         p = point.number
         best = far
         near = far
-        facet = int(wp.static(NONE))
+        facet = wp.vec4i(0, 0, 0, wp.static(NONE))
         t = scalar(0.0)
         if wp.static(grains):
-            facet = data.neighbors.candidates[p, first]
-            best = wp.length_sq(point.x - load(data.surfaces.x, data.surfaces.corner[facet][0]))
-            return facet, best, t
+            only = data.neighbors.candidates[p, first]
+            return only, wp.length_sq(point.x - load(data.surfaces.x, only[0])), t
         for e in range(first, data.neighbors.candidate_count[p]):
             if data.neighbors.candidate_pair[p, e] != place:
                 break
             if almost * data.neighbors.candidate_distance[p, e] <= near:
                 f = data.neighbors.candidates[p, e]
-                corner = data.surfaces.corner[f]
+                corner = wp.vec3i(f[0], f[1], f[2])
                 start = load(data.surfaces.x, corner[0])
                 along = load(data.surfaces.x, corner[1]) - start
                 t_f = fraction(wp.dot(point.x - start, along), wp.length_sq(along))
                 squared = wp.length_sq(point.x - place_on(data.surfaces.x, corner, V(one - t_f, t_f, zero)))
-                if squared < best or (squared == best and f < facet):
+                if squared < best or (squared == best and f[3] < facet[3]):
                     best = squared
                     near = wp.sqrt(best) + shrunk
                     facet = f
@@ -115,7 +114,7 @@ def evaluate_segments_and_spheres(
                 paths = data.neighbors.moved[point.body] + data.neighbors.moved[pair.other]
                 shrunk = scalar(paths) + scalar(DOUBT) * step.buffer
                 facet, best, t = find_nearest(data, point, first, place, shrunk)
-                corner = data.surfaces.corner[facet % wp.static(NONE)]  # facet 0 if there is none
+                corner = wp.vec3i(facet[0], facet[1], facet[2])
                 w = V(one - t, t, zero)
                 away = point.x - place_on(data.surfaces.x, corner, w)
                 u = place_of(data.surfaces.v, point.ends, point.fraction) - place_on(data.surfaces.v, corner, w)
@@ -206,7 +205,8 @@ def find_rows_of_grains(scalar: type, lanes: int, worlds: bool = False):
             those = ballot(away < far)
             at = count + count_before(those, lane)
             if away < far and at < room:
-                data.neighbors.candidates[p, at] = other
+                corner = data.surfaces.corner[other]
+                data.neighbors.candidates[p, at] = wp.vec4i(corner[0], corner[1], corner[2], other)
                 data.neighbors.candidate_distance[p, at] = away
                 data.neighbors.candidate_pair[p, at] = b
             count += count_bits(those)

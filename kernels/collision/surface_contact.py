@@ -22,7 +22,7 @@ import functools
 
 import warp as wp
 
-from ..basis import kernel, vector
+from ..basis import fast_kernel, vector
 from ..colliders.signed_distance import signed_distance
 from .contact_data import HISTORY
 from .force_sums import exert_force
@@ -45,7 +45,7 @@ def evaluate_surface(
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
     distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)
     exert = exert_force(scalar, lanes=1)
-    _, triangle_of, turn_by, spin_of = triangles(scalar)
+    _, triangle_of, turn_by = triangles(scalar)
     zero, one, third, tangential = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0), scalar(TANGENTIAL)
 
     @wp.func
@@ -185,9 +185,9 @@ def evaluate_surface(
         if bears:
             normal = pushed / size
             arm = wp.min(zero, facet.begins + inside.squares / inside.deep) * normal
-            triangle = triangle_of(data.x, corner, wp.max(zero, -data.slack[t]))
+            triangle = triangle_of(data.x, data.v, corner, wp.max(zero, -data.slack[t]))
             u = w[0] * data.v[corner[0]] + w[1] * data.v[corner[1]] + w[2] * data.v[corner[2]]
-            u += wp.cross(turn_by(triangle, spin_of(triangle, data.v, corner)), arm)
+            u += wp.cross(turn_by(triangle, triangle.spin), arm)
             surface = V()
             if wp.static(moving):
                 at = w[0] * facet.a + w[1] * facet.b + w[2] * facet.c + arm
@@ -287,7 +287,7 @@ def evaluate_surface(
             if wp.static(moving or overlapping_at_start):
                 data.power[t] = done
 
-    @kernel
+    @fast_kernel
     def evaluate_facets(
         data: Data,
         row: int,

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import kernel
+from ..basis import fast_kernel, kernel
 from ..places import arrays_of, on_device
 from ..springs.fracture import NO_SUBSTEP
 from ..threads import Part, barrier, wait, wait_in_block
@@ -146,4 +146,5 @@ def persistent(
 
     if in_worlds:
         return kernel(take_stages, launch_bounds=(block, max(1, together // block)))
-    return kernel(take_stages, launch_bounds=MOST_THREADS, cluster_dim=blocks)
+    declare = kernel if before is NOTHING_BEFORE else fast_kernel
+    return declare(take_stages, launch_bounds=MOST_THREADS, cluster_dim=blocks)

@@ -157,7 +157,7 @@ class NeighborList:
             wp.zeros(self._points, dtype=int, device=device) for _ in "lncb"
         )
         data.search_point_count, data.active_count = (wp.zeros(1, dtype=int, device=device) for _ in "cb")
-        data.speeds = wp.zeros(2, dtype=wp.vec3, device=device)
+        data.slowest, data.fastest = (wp.zeros(1, dtype=wp.vec3, device=device) for _ in "sf")
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
         data.moved, data.spare = (wp.zeros(bodies, dtype=float, device=device) for _ in "ms")
         data.slack = wp.zeros(len(data.x_found), dtype=float, device=device)
@@ -371,7 +371,8 @@ class NeighborList:
         """Allocate lists for up to `room` facets near each point, and `body_pairs` pairs of near bodies."""
         data, device = self.data, self._model.device
         points, bodies = len(data.candidate_count), len(data.body_pair_count)
-        data.candidates, data.candidate_pair = (wp.zeros((points, room), dtype=int, device=device) for _ in "rw")
+        data.candidates = wp.zeros((points, room), dtype=wp.vec4i, device=device)
+        data.candidate_pair = wp.zeros((points, room), dtype=int, device=device)
         data.candidate_distance = wp.zeros((points, room), dtype=self._model.scalar, device=device)
         data.body_pairs = wp.zeros((bodies, body_pairs), dtype=int, device=device)
         kind: Any = Pair(self._model.scalar)
