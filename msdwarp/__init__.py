@@ -31,6 +31,9 @@ if _is_the_command():
 if not _os.path.isdir(_os.path.join(__path__[0], "kernels")):
     __path__.append(_os.path.dirname(__path__[0]))
 
+import ast as _ast
+import inspect as _inspect
+
 from .runtime import verbose as verbose
 
 if _typing.TYPE_CHECKING:
@@ -151,46 +154,21 @@ if _typing.TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-# The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
+# The room of each name, read off the imports above. A room, with Warp if the room needs it, is imported when one
+# of its names is first used.
 _ROOMS = {
-    "bodies": (
-        "CORK COTTON FOAM JELLY MUSCLE RUBBER SILICONE STEEL_WIRE Angles Cells CoulombDamper Damper DamperKinds "
-        "ExponentialSpring Frame LimitedSpring Material OwnDamper OwnSpring PolynomialSpring QuadraticDamper "
-        "Spring SpringKinds Surface System TensionOnlySpring space_filling_order stress von_mises"
-    ),
-    "checks": (
-        "EnergyDriftWarning FitWarning GradientWarning InvertedWarning SettleWarning StartWarning StepWarning "
-        "StrainWarning"
-    ),
-    "engine": "Measures",
-    "files": "Trajectory TrajectoryWriter",
-    "integrators": (
-        "RK4 RKC2 ExplicitEuler Integrator Leapfrog LinearlyImplicitEuler SymplecticEuler UnstableStep "
-        "match_stiffness stability_limit"
-    ),
-    "live": "View show view",
-    "pictures": "Renderer ColorScale",
-    "shapes": (
-        "ball box chain cloth cone cylinder from_mesh from_volume icosphere join lattice rod sheet shell "
-        "viscoelastic"
-    ),
-    "simulation": "Ensemble Frames Gradient GroupMean Simulation SimulationDiverged",
-    "studies": "FieldFit FitResult TrackedPoints fit fit_field simulate_jax simulate_torch sweep",
-    "world": (
-        "Actuator Attachment Box Capsule Collider Cone Contact EnclosedGas Force Load Look Plane PrescribedMotion "
-        "Pressure Probe Scene Sphere Viewpoint Wind at"
-    ),
+    str(node.module): [alias.name for alias in node.names]
+    for node in _ast.walk(_ast.parse(_inspect.getsource(_sys.modules[__name__])))
+    if isinstance(node, _ast.ImportFrom)
 }
-__all__ = ["verbose"]
-for _names in _ROOMS.values():
-    __all__ += _names.split()  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [name for names in _ROOMS.values() for name in names]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:
     for room, names in _ROOMS.items():
-        if name == room or name in names.split():
+        if name == room or name in names:
             module = _importlib.import_module(f".{room}", __name__)
-            globals().update({one: getattr(module, one) for one in names.split()})
+            globals().update({one: getattr(module, one) for one in names})
             return module if name == room else globals()[name]
     new = _importlib.import_module(".runtime", __name__).RENAMED.get(name)
     raise AttributeError(

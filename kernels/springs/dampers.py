@@ -9,11 +9,9 @@ from ..basis import fully_hashed, vector
 
 LINEAR = ("linear",)
 """The form of the linear law."""
-FORMS = ("linear", "tension", "limited", "exponential", "polynomial", "quadratic", "coulomb", "own")
-"""The forms of laws of springs and of dampers; the last is a function of one's own."""
 SPEED, SPRING_FORM, DAMPER_FORM = 5, 6, 7
-"""Places in the vector of a law's numbers: the speed at which a damper becomes linear [m/s], and which of FORMS
-spring and damper have. At most five numbers of the spring are before these."""
+"""Places in the vector of a law's numbers: the speed at which a damper becomes linear [m/s], and which of
+the forms in `Laws` spring and damper have. At most five numbers of the spring are before these."""
 LAW_NUMBERS = 8
 
 
@@ -38,12 +36,13 @@ def damper_force(scalar: type, laws: Any):
     Numbers, form = law_numbers(scalar), laws.damper or LINEAR
     names, own = (form, None) if isinstance(form, tuple) else (("own",), form)
     count, alone = len(names), len(names) == 1
+    slack = laws.spring.index("tension") if laws.slackens else 0
 
     @fully_hashed
     def force(strain: scalar, rate: scalar, damping: scalar, pull: scalar, law: Numbers) -> scalar:
         result = damping * rate
         for n in range(wp.static(count)):
-            if wp.static(alone) or law[DAMPER_FORM] == scalar(wp.static(FORMS.index(names[n]))):
+            if wp.static(alone) or law[DAMPER_FORM] == scalar(wp.static(n)):
                 if wp.static(names[n] == "own"):
                     result = own(strain, rate, damping)
                 if wp.static(names[n] == "quadratic"):
@@ -51,7 +50,7 @@ def damper_force(scalar: type, laws: Any):
                 if wp.static(names[n] == "coulomb"):
                     result = damping * wp.clamp(rate / law[SPEED], scalar(-1.0), scalar(1.0))
         if wp.static(laws.slackens):  # not `clamp`, whose derivative by `result` is 1 where all three are 0
-            if wp.static(not laws.several) or law[SPRING_FORM] == scalar(wp.static(FORMS.index("tension"))):
+            if wp.static(not laws.several) or law[SPRING_FORM] == scalar(wp.static(slack)):
                 result = wp.max(wp.min(result, pull), -pull)
         return result
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import fully_hashed
-from .dampers import FORMS, LINEAR, SPEED, SPRING_FORM, law_data, law_numbers
+from .dampers import LINEAR, SPEED, SPRING_FORM, law_data, law_numbers
 
 AHEAD, INTERVALS = 0.1, 8
 """Half width of the strain interval in which the steepest slope is sought; number of differences in it."""
@@ -48,10 +48,13 @@ def forms_of(laws: Any) -> Any:
     return tuple(sorted(names)) if len(laws) > 1 or isinstance(laws[0], tuple) else laws[0]
 
 
-def numbers_of(spring: Any, damper: Any) -> tuple[float, ...]:
+def numbers_of(spring: Any, damper: Any, laws: Laws) -> tuple[float, ...]:
     """Return the numbers of the laws of springs and dampers, in the order of `law_numbers`."""
     (first, *own), (last, *speed) = (law if isinstance(law, tuple) else LINEAR for law in (spring, damper))
-    return (*own, *(0.0,) * (SPEED - len(own)), *(speed or (0.0,)), FORMS.index(first), FORMS.index(last))
+    places = (
+        of.index(one) if isinstance(of, tuple) else 0 for one, of in ((first, laws.spring), (last, laws.damper))
+    )
+    return (*own, *(0.0,) * (SPEED - len(own)), *(speed or (0.0,)), *places)
 
 
 @functools.cache
@@ -94,7 +97,7 @@ def spring_stress(scalar: type, form: Any):
     def stress(strain: scalar, law: Numbers) -> scalar:
         result = strain
         for n in range(wp.static(count)):
-            if wp.static(alone) or law[SPRING_FORM] == scalar(wp.static(FORMS.index(names[n]))):
+            if wp.static(alone) or law[SPRING_FORM] == scalar(wp.static(n)):
                 if wp.static(names[n] == "own"):
                     result = own(strain)
                 if wp.static(names[n] == "tension"):
@@ -138,7 +141,7 @@ def spring_energy(form: Any):
                     if wp.static(k > 0):
                         total += weight * stress(middle - away, law)
         for n in range(wp.static(count)):
-            if wp.static(alone) or law[SPRING_FORM] == wp.float64(wp.static(FORMS.index(names[n]))):
+            if wp.static(alone) or law[SPRING_FORM] == wp.float64(wp.static(n)):
                 if wp.static(names[n] == "tension"):
                     total = half * wp.max(strain, wp.float64(0.0)) * strain
                 if wp.static(names[n] == "limited"):

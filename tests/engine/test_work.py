@@ -83,8 +83,9 @@ def test_what_pulls_a_mass_evenly_does_speed_times_momentum(device, method, damp
         abs(found - exact) / exact for found, exact in (pulled(method, n, device, damping) for n in (20, 40))
     )
     assert math.log2(coarse / fine) == pytest.approx(order, abs=0.1)  # hω/2 beyond it: 0.01
-    # First order: h ω times the cycles, 0.0125 · 9 / 2, as energy grows or is lost by (hω)²/2 in each substep.
-    assert fine < {1: 0.05, 2: 1e-4, 4: 1e-8}[order]
+    # A method of order p errs by (hω)ᵖ⁺¹/(p + 1)! of the swing in each of 800 substeps. It has half the work.
+    swing = math.sqrt(80) / 800
+    assert fine < 800 * swing ** (order + 1) / math.factorial(order + 1) / 2
 
 
 def test_an_implicit_method_loses_energy_and_never_makes_any(device):

@@ -91,15 +91,15 @@ class Sensors:
         if self._force is not None:
             fields = {"compensation": now.compensation, "x": now.x, "v": v, "force": self._force}
             take_stage(self._dynamics, Stage(force_on_each, fields))
-        values = {POSITION: now.x, STRAIN: now.x, STRESS: now.x, VELOCITY: v, FORCE: self._force}
-        lost = dict.fromkeys((POSITION, STRAIN, STRESS), now.compensation.x) | {VELOCITY: now.compensation.v}
+        places = {"value": now.x, "lost": now.compensation.x}
+        state = dict.fromkeys((POSITION, STRAIN, STRESS), places)
+        state |= {VELOCITY: {"value": v, "lost": now.compensation.v}, FORCE: {"value": self._force}}
         if self._contact_forces is not None:
-            values[CONTACT_FORCE] = self._contact_forces.by_all()
-            values[BODY_CONTACT_FORCE] = self._contact_forces.by_bodies
+            state[CONTACT_FORCE] = {"value": self._contact_forces.by_all()}
+            state[BODY_CONTACT_FORCE] = {"value": self._contact_forces.by_bodies}
         for one in self._sums:
-            value = values[one.what]
             for part in one.parts:
-                part.launch(rows, value=value, lost=lost.get(one.what))
+                part.launch(rows, **state[one.what])
         if k == len(self._rows) - 1 and self._found is not self._rows:
             wp.copy(self._found, self._rows)
 

@@ -101,7 +101,7 @@ class Model:
         self.law_forms = Laws(damper_forms, spring_forms, several)
         """The forms of laws, with that of dampers, even if there is no damping."""
         self.laws = self.law_forms if system.damping.any() else self.law_forms._replace(damper=None)
-        self._law_rows = [numbers_of(one.law, other.law) for other in dampers for one in springs]
+        self._law_rows = [numbers_of(one.law, other.law, self.law_forms) for other in dampers for one in springs]
         self._law_data = dict[Any, Any]()
         self.law_number: Any = np.float64(len(springs)) * damper + spring if several else None
         """If there are several laws, the number of each connection's law, shape [connection_count]."""
