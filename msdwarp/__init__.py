@@ -75,6 +75,7 @@ if _typing.TYPE_CHECKING:
         StepWarning as StepWarning,
         StrainWarning as StrainWarning,
     )
+    from .cli import run as run
     from .engine import Measures as Measures
     from .files import Trajectory as Trajectory, TrajectoryWriter as TrajectoryWriter
     from .integrators import (
@@ -89,7 +90,7 @@ if _typing.TYPE_CHECKING:
         match_stiffness as match_stiffness,
         stability_limit as stability_limit,
     )
-    from .live import View as View, show as show, view as view
+    from .live import View as View, film as film, show as show, view as view
     from .pictures import ColorScale as ColorScale, Renderer as Renderer
     from .shapes import (
         ball as ball,
@@ -151,6 +152,7 @@ if _typing.TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
+_runtime: _typing.Any = _importlib.import_module(".runtime", __name__)
 # The room of each name. A room, with Warp if the room needs it, is imported when one of its names is first used.
 _ROOMS = {
     "bodies": (
@@ -162,13 +164,14 @@ _ROOMS = {
         "EnergyDriftWarning FitWarning GradientWarning InvertedWarning SettleWarning StartWarning StepWarning "
         "StrainWarning"
     ),
+    "cli": "run",
     "engine": "Measures",
     "files": "Trajectory TrajectoryWriter",
     "integrators": (
         "RK4 RKC2 ExplicitEuler Integrator Leapfrog LinearlyImplicitEuler SymplecticEuler UnstableStep "
         "match_stiffness stability_limit"
     ),
-    "live": "View show view",
+    "live": "View film show view",
     "pictures": "Renderer ColorScale",
     "shapes": (
         "ball box chain cloth cone cylinder from_mesh from_volume icosphere join lattice rod sheet shell "
@@ -190,12 +193,22 @@ def __getattr__(name: str) -> object:
     for room, names in _ROOMS.items():
         if name == room or name in names.split():
             module = _importlib.import_module(f".{room}", __name__)
-            globals().update({one: getattr(module, one) for one in names.split()})
+            _guide_loaded()
             return module if name == room else globals()[name]
-    new = _importlib.import_module(".runtime", __name__).RENAMED.get(name)
-    raise AttributeError(
-        f"module {__name__!r} has no attribute {name!r}" + (f"; it is {new} since 0.3" if new else "")
-    )
+    raise _runtime.no_attribute(_sys.modules[__name__], name, __name__, f"module {__name__!r}")
+
+
+def _guide_loaded() -> None:
+    """Take the names of all rooms that are imported by now, with errors that lead to them."""
+    for room, names in _ROOMS.items():
+        module = _sys.modules.get(f"{__name__}.{room}")
+        for one in names.split() if module and hasattr(module, names.split()[-1]) else ():
+            if one not in globals():
+                thing = getattr(module, one)
+                globals()[one] = guided = _runtime.guide(thing)
+                if guided is not thing:  # a function: where `pickle` looks for it, too
+                    setattr(_sys.modules[thing.__module__], one, guided)
+                    setattr(module, one, guided)
 
 
 def __dir__() -> list[str]:

@@ -24,6 +24,13 @@ FINITE_OR_INF: Limit = (lambda values: (values <= LARGEST) | (values == np.inf),
 NOT_TINY: Limit = (lambda values: values >= SMALLEST, f"above 0, and at least {SMALLEST:.0e}")
 
 
+class Described(type):
+    """The metaclass of classes whose `help` ends with their docstring: what else they have is for the engine."""
+
+    def __dir__(cls) -> list[str]:
+        return []
+
+
 class GradientWarning(UserWarning):
     """A gradient grows so much from the end to the start that it says little about finite changes."""
 

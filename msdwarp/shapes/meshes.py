@@ -6,6 +6,7 @@ import itertools
 import math
 import warnings
 from collections.abc import Sequence
+from os import PathLike
 from typing import Any, cast
 
 import numpy as np
@@ -120,7 +121,11 @@ def read_mesh(mesh: Any) -> Mesh:
     elif isinstance(mesh, tuple | list) and len(mesh) == 2:
         given = mesh
     else:
-        raise ValueError(f"mesh is a {type(mesh).__name__}; it must be a PyVista surface or (points, triangles)")
+        file = "; from_volume reads files" if isinstance(mesh, str | PathLike) else ""
+        raise ValueError(
+            f"mesh is {checks.repr_short(mesh) if file else f'a {type(mesh).__name__}'}; "
+            f"it must be a PyVista surface or (points, triangles){file}"
+        )
     points = checks.array("the mesh's points", given[0])
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"the mesh's points have shape {points.shape}; they must be (any, 3)")

@@ -19,7 +19,7 @@ from .motion import Motion, pose
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Collider:
+class Collider(metaclass=checks.Described):
     """An obstacle; the base class of all shapes.
 
     Parameters

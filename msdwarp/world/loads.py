@@ -18,7 +18,7 @@ from .time_functions import sampled
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Load:
+class Load(metaclass=checks.Described):
     """The base class of all loads.
 
     Parameters

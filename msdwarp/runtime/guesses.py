@@ -1,0 +1,220 @@
+"""Guesses: names that users of other programs try first, and errors that lead from them to the names there are.
+
+`guide` does this for all public classes and functions where `msdwarp` imports them. Their files know nothing of
+it, nor do type checkers; `help` and `inspect.signature` show what they would without.
+"""
+
+import difflib
+import functools
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from .turns import unseen
+
+_MATERIAL = "material=Material(density=..., youngs_modulus=..., poissons_ratio=...)"
+_STEP = "substeps, the steps of a frame (by default as many as are stable), and fps, the frames per second"
+_LOOK = "Look(azimuth=..., elevation=..., distance=...)"
+_WINDOW = "msdwarp.view(scene), or msdwarp.film(scene, path)"
+_ALL = "measure(), which returns kinetic_energy, elastic_energy and more"
+KEYWORDS = {
+    "stiffness": "k ke ks spring_constant spring_stiffness",
+    "damping": "b c d kd damping_coefficient",
+    _MATERIAL: "density rho young youngs young_modulus youngs_modulus E Y poisson poissons_ratio nu",
+    "mass": "m mass_per_particle",
+    "shape": "size dims dimensions n_particles resolution",
+    "spacing": "dx h cell_size edge_length",
+    "count": "n num segments",
+    "system": "body bodies objects",
+    "colliders": "obstacles ground floor walls",
+    "loads": "forces force",
+    "probes": "sensors",
+    "contact": "collision collisions self_collision",
+    "friction": "mu lateral_friction friction_coefficient",
+    "restitution": "e bounce bounciness elasticity",
+    _STEP: "dt timestep time_step h step_size",
+    "integrator": "method solver scheme",
+    "precision": "dtype",
+    "device": "arch backend gpu",
+    "duration": "seconds time t_end length steps",
+    "seconds": "duration time length",
+    "position": "center centre pos origin location",
+    "color": "colour",
+    "coloring": "colouring color",
+    "film": "video movie",
+    "out": "folder output path directory",
+}
+"""What an unknown keyword may mean: a parameter, perhaps with more words, and the guesses that lead to it.
+
+Only parameters that a function has are named; the text may go on after the name, from a "=" or a comma.
+"""
+NAMES: dict[str, dict[str, str]] = {
+    "msdwarp": {
+        "chain": "rope string cable line beads",
+        "ball, which is a body, or Sphere, an obstacle": "sphere",
+        "box": "cube cuboid block brick grid3d",
+        "sheet or cloth": "grid plane membrane Cloth fabric",
+        "System, or a function that makes one, such as box, ball, sheet or from_mesh": (
+            "Body SoftBody Softbody Particles Mesh Model MassSpringSystem"
+        ),
+        "from_volume, which reads files": "load_mesh read_mesh mesh loadSoftBody load_obj from_file",
+        "Plane": "Ground Floor ground floor Wall HalfSpace",
+        "Capsule or Cone; any mesh that is pinned as a whole is an obstacle, too": "Cylinder Obstacle",
+        "Probe": "Sensor ForceSensor LoadCell",
+        _LOOK: "Camera Light Viewer",
+        "Scene": "World Environment Stage",
+        "Actuator": "Muscle Motor",
+        "PrescribedMotion, or System.pin": "Pin pin Fixed Anchor Constraint fix",
+        "Attachment or join": "Tie weld attach connect",
+        "Trajectory(path)": "load read open open_trajectory",
+        _WINDOW: "render plot animate GUI Window Plotter viewer launch_passive",
+        "run(scene, out)": "simulate simulation main",
+        "the argument device of Simulation and run": "init set_device cpu gpu cuda",
+        "the argument gravity of Scene and Simulation": "Gravity set_gravity setGravity gravity",
+        "Simulation.step": "step stepSimulation mj_step",
+        "Contact": "Collision Friction collide",
+        "SymplecticEuler, Leapfrog, RK4, RKC2 or LinearlyImplicitEuler": (
+            "Euler SemiImplicitEuler ImplicitEuler Verlet VelocityVerlet RungeKutta"
+        ),
+    },
+    "System": {
+        "translate": "move shift set_position",
+        "pin": "fix anchor clamp freeze hold",
+        "position": "positions x points vertices q xpos coords pos",
+        "velocity": "velocities v vel qvel",
+        "mass": "masses m",
+        "connections": "springs edges links lines",
+        "surface.triangles": "faces triangles cells_tri",
+        "position.min(axis=0) and position.max(axis=0)": "bounds extent bounding_box aabb",
+        "centre_of_mass": "center centre com center_of_mass centroid mean",
+        "the system itself, which never changes: its methods return a new one": "copy clone deepcopy",
+        "rotate(angle, axis), by radians": "rotate_x rotate_y rotate_z turn",
+        _WINDOW: "plot show render view draw",
+        "particle_count": "n_points num_particles n_particles size n count shape",
+        "a + b or sum([a, b])": "merge append add concatenate join combine",
+        "replace": "set update with_stiffness with_mass",
+        "with_velocity or spin": "set_velocity throw push apply_force",
+        "msdwarp.TrajectoryWriter, or msdwarp.run": "save write export",
+    },
+    "Scene": {
+        "msdwarp.run(scene, out), or msdwarp.Simulation(scene)": "run simulate step play",
+        _WINDOW: "show view render plot film draw",
+        "replace": "set update copy",
+        "system": "body bodies model",
+        "colliders": "obstacles ground_planes",
+        "replace(system=scene.system + body)": "add add_body append",
+        "replace(colliders=[...])": "add_collider add_obstacle add_ground",
+        "replace(loads=[...])": "add_force add_load",
+    },
+    "Simulation": {
+        "step(frames), or frames(seconds), which yields them": "run advance simulate forward play integrate",
+        "frame().position": "position positions x points qpos",
+        "frame().velocity": "velocity velocities v qvel",
+        _ALL: "energy kinetic_energy potential_energy elastic_energy total_energy momentum get_energy",
+        "msdwarp.film(simulation, path, seconds=...)": "film record video animate movie render",
+        "msdwarp.view(scene), msdwarp.show or msdwarp.Renderer": "view show plot draw image",
+        "snapshot(), which returns a System": "state get_state body copy particles",
+        "msdwarp.run, which stores all, or msdwarp.TrajectoryWriter": "save write export dump",
+        "change": "set update set_gravity set_stiffness set_parameters",
+        "loads of the scene, such as Force": "apply_force add_force applyExternalForce",
+        "substeps, of a frame of 1 / fps seconds": "dt timestep time_step",
+        "contact_force()": "contacts contact_forces get_contacts",
+        "change(colliders=...)": "add_collider set_colliders",
+    },
+}
+"""What an unknown attribute may mean, by class or module: a text, and the guesses that lead to it."""
+NAMES["Ensemble"] = NAMES["Simulation"]
+_done = set[type]()
+"""Classes that `guide` has changed."""
+_UNEXPECTED = re.compile(r".*\(\) got an unexpected keyword argument '(\w+)'")
+
+
+def did_you_mean(guess: str, known: Iterable[str], meant: dict[str, str] | None = None) -> str:
+    """Return the end of a message that leads from a guess to a known name; empty if none is near."""
+    for text, guesses in (meant or {}).items():
+        if guess in guesses.split():
+            return f". Did you mean {text}?"
+    near = difflib.get_close_matches(guess, list(known), 1)
+    return f". Did you mean {near[0]}?" if near else ""
+
+
+def parameter_meant(guess: str, known: Iterable[str]) -> str:
+    """Return the end of a message about an unknown keyword of a function with `known` parameters."""
+    known = list(known)
+    return did_you_mean(
+        guess, known, {text: words for text, words in KEYWORDS.items() if re.split("[=,]", text)[0] in known}
+    )
+
+
+def no_attribute(of: Any, name: str, owner: str, what: str) -> AttributeError:
+    """Return the error that an object has no attribute of this name; `what` is the object in the message."""
+    hint = "" if name.startswith("_") else did_you_mean(name, _public(dir(of)), NAMES.get(owner))
+    return AttributeError(f"{what} has no attribute {name!r}{hint}", name=name)
+
+
+def guide(thing: Any) -> Any:
+    """Return a public class or function whose errors lead from guessed names to its own.
+
+    A class is changed in place: its constructor, its methods, and what says that there is no such attribute. Of a
+    function another one is returned. Other objects, and exceptions, stay as they are.
+    """
+    if inspect.isfunction(thing):
+        return _guided(thing)
+    if not isinstance(thing, type) or issubclass(thing, BaseException):
+        return thing
+    for owner in thing.__mro__:
+        if owner.__module__.startswith("msdwarp.") and owner not in _done:
+            _done.add(owner)
+            for name, member in list(vars(owner).items()):
+                if inspect.isfunction(member) and (name == "__init__" or not name.startswith("_")):
+                    setattr(owner, name, _guided(member))
+    if not hasattr(thing, "__getattr__"):
+        thing.__getattr__ = _missing  # type: ignore[attr-defined]
+    return thing
+
+
+def _guided(call: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that names the parameter which was meant, where a keyword is not one."""
+
+    @functools.wraps(call)
+    def guided(*given: Any, **named: Any) -> Any:
+        try:
+            return call(*given, **named)
+        except BaseException as error:
+            unseen(error)
+            if type(error) is TypeError and (found := _UNEXPECTED.match(str(error))) and found[1] in named:
+                error.args = _hinted(call, given, found[1], error) or error.args
+            raise
+
+    return guided
+
+
+def _hinted(call: Callable[..., Any], given: tuple[Any, ...], word: str, error: TypeError) -> tuple[str] | None:
+    """Return the arguments of an error about an unknown keyword, with the parameter that was meant.
+
+    None if a function within `call` has raised the error, unless that is `replace`, whose keywords are fields.
+    """
+    if error.__traceback__ is None:  # Python itself could not make the call
+        known = [
+            one.name for one in inspect.signature(call).parameters.values() if one.kind is not one.VAR_KEYWORD
+        ]
+    elif call.__name__ == "replace":
+        known = list(vars(given[0]))
+    else:
+        return None
+    name = call.__name__ if call.__qualname__ == call.__name__ else f"{type(given[0]).__name__}.{call.__name__}"
+    name = name.removesuffix(".__init__")
+    return (f"{name}() got an unexpected keyword argument {word!r}{parameter_meant(word, known)}",)
+
+
+def _missing(self: Any, name: str) -> Any:
+    """Raise AttributeError, with the name that was meant."""
+    if hasattr(type(self), name):  # a property, which raised this error itself
+        return object.__getattribute__(self, name)
+    owner = next((one.__name__ for one in type(self).__mro__ if one.__name__ in NAMES), "")
+    raise no_attribute(self, name, owner, f"{type(self).__name__!r} object")
+
+
+def _public(names: Iterable[str]) -> list[str]:
+    return [name for name in names if not name.startswith("_")]
