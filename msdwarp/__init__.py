@@ -74,6 +74,7 @@ if _typing.TYPE_CHECKING:
         StartWarning as StartWarning,
         StepWarning as StepWarning,
         StrainWarning as StrainWarning,
+        UnitWarning as UnitWarning,
     )
     from .cli import run as run
     from .engine import Measures as Measures
@@ -162,7 +163,7 @@ _ROOMS = {
     ),
     "checks": (
         "EnergyDriftWarning FitWarning GradientWarning InvertedWarning SettleWarning StartWarning StepWarning "
-        "StrainWarning"
+        "StrainWarning UnitWarning"
     ),
     "cli": "run",
     "engine": "Measures",

@@ -297,9 +297,8 @@ class System:
     def scale(self, factor: float, about: ArrayLike | None = None) -> Self:
         """Return this system with all lengths multiplied by a factor, about a point [m], shape [d].
 
-        By default its centre of mass stays where it is. To change units, such as from millimetres, scale by 0.001
-        about (0, 0, 0). Masses, spring and damper constants and velocities stay as they are: a body of a material
-        is made in its final size instead.
+        By default its centre of mass stays in place; scale(0.001, about=(0, 0, 0)) converts from millimetres.
+        Masses, constants and velocities stay as they are: make a body of a material in its final size instead.
         """
         factor = checks.positive("factor", factor)
         centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))

@@ -69,7 +69,7 @@ NAMES: dict[str, dict[str, str]] = {
         "Attachment or join": "Tie weld attach connect",
         "Trajectory(path)": "load read open open_trajectory",
         _WINDOW: "render plot animate GUI Window Plotter viewer launch_passive",
-        "run(scene, out)": "simulate simulation main",
+        "run(scene, out)": "simulate main",
         "the argument device of Simulation and run": "init set_device cpu gpu cuda",
         "the argument gravity of Scene and Simulation": "Gravity set_gravity setGravity gravity",
         "Simulation.step": "step stepSimulation mj_step",
@@ -109,22 +109,21 @@ NAMES: dict[str, dict[str, str]] = {
     },
     "Simulation": {
         "step(frames), or frames(seconds), which yields them": "run advance simulate forward play integrate",
-        "frame().position": "position positions x points qpos",
+        "frame().position": "position x points qpos",
         "frame().velocity": "velocity velocities v qvel",
         _ALL: "energy kinetic_energy potential_energy elastic_energy total_energy momentum get_energy",
         "msdwarp.film(simulation, path, seconds=...)": "film record video animate movie render",
         "msdwarp.view(scene), msdwarp.show or msdwarp.Renderer": "view show plot draw image",
-        "snapshot(), which returns a System": "state get_state body copy particles",
+        "snapshot(), which returns a System": "get_state body copy particles",
         "msdwarp.run, which stores all, or msdwarp.TrajectoryWriter": "save write export dump",
         "change": "set update set_gravity set_stiffness set_parameters",
         "loads of the scene, such as Force": "apply_force add_force applyExternalForce",
-        "substeps, of a frame of 1 / fps seconds": "dt timestep time_step",
+        "substeps, of a frame of 1 / fps seconds": "timestep time_step",
         "contact_force()": "contacts contact_forces get_contacts",
         "change(colliders=...)": "add_collider set_colliders",
     },
 }
 """What an unknown attribute may mean, by class or module: a text, and the guesses that lead to it."""
-NAMES["Ensemble"] = NAMES["Simulation"]
 _done = set[type]()
 """Classes that `guide` has changed."""
 _UNEXPECTED = re.compile(r".*\(\) got an unexpected keyword argument '(\w+)'")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from collections.abc import Sequence
 from os import PathLike
 from typing import Any, cast
@@ -98,13 +97,12 @@ def from_mesh(
     body = embedded(cells, h, skin, volume, neighbours=neighbours, material=material, **constants)
     thickness, times = 2 * volume / area, np.count_nonzero(cells) * h**3 / volume
     if material is not None and thickness < h and times > _MORE:
-        warnings.warn(
+        checks.warn(
             f"the mesh is thinner than its cells of {h:.3g} m: its mean thickness (twice the volume over the "
             f"area) is {thickness:.3g} m, and the cells fill {times:.3g} times its volume. The body's mass is "
             f"that of the mesh, but it is too stiff; with across={math.ceil(2 * longest / thickness)} it is two "
             "cells thick",
             checks.StartWarning,
-            stacklevel=2,
         )
     return body.translate(centre)
 
