@@ -203,9 +203,8 @@ def _guide_loaded() -> None:
     """Take the names of all rooms that are imported by now, with errors that lead to them."""
     for room, names in _ROOMS.items():
         module = _sys.modules.get(f"{__name__}.{room}")
-        for one in names.split() if module and hasattr(module, names.split()[-1]) else ():
-            if one not in globals():
-                thing = getattr(module, one)
+        for one in names.split() if module else ():
+            if one not in globals() and (thing := getattr(module, one, None)) is not None:
                 globals()[one] = guided = _runtime.guide(thing)
                 if guided is not thing:  # a function: where `pickle` looks for it, too
                     setattr(_sys.modules[thing.__module__], one, guided)

@@ -23,7 +23,7 @@ KEYWORDS = {
     "damping": "b c d kd damping_coefficient",
     _MATERIAL: "density rho young youngs young_modulus youngs_modulus E Y poisson poissons_ratio nu",
     "mass": "m mass_per_particle",
-    "shape": "size dims dimensions n_particles resolution",
+    "shape": "size dims dimensions n_particles resolution half_extents extents",
     "spacing": "dx h cell_size edge_length",
     "count": "n num segments",
     "system": "body bodies objects",
@@ -31,7 +31,7 @@ KEYWORDS = {
     "loads": "forces force",
     "probes": "sensors",
     "contact": "collision collisions self_collision",
-    "friction": "mu lateral_friction friction_coefficient",
+    "friction": "mu lateral_friction friction_coefficient sliding_friction",
     "restitution": "e bounce bounciness elasticity",
     _STEP: "dt timestep time_step h step_size",
     "integrator": "method solver scheme",
@@ -54,26 +54,28 @@ NAMES: dict[str, dict[str, str]] = {
         "chain": "rope string cable line beads",
         "ball, which is a body, or Sphere, an obstacle": "sphere",
         "box": "cube cuboid block brick grid3d",
-        "sheet or cloth": "grid plane membrane Cloth fabric",
+        "sheet or cloth, which are bodies, or Plane, an obstacle": "plane",
+        "sheet or cloth": "grid membrane fabric",
         "System, or a function that makes one, such as box, ball, sheet or from_mesh": (
-            "Body SoftBody Softbody Particles Mesh Model MassSpringSystem"
+            "body SoftBody particles Model MassSpringSystem geom"
         ),
-        "from_volume, which reads files": "load_mesh read_mesh mesh loadSoftBody load_obj from_file",
-        "Plane": "Ground Floor ground floor Wall HalfSpace",
+        "from_volume, which reads files": "load_mesh read_mesh mesh loadSoftBody loadURDF load_obj from_file",
+        "Plane": "ground floor wall HalfSpace",
         "Capsule or Cone; any mesh that is pinned as a whole is an obstacle, too": "Cylinder Obstacle",
-        "Probe": "Sensor ForceSensor LoadCell",
+        "Probe": "Sensor ForceSensor LoadCell site",
         _LOOK: "Camera Light Viewer",
         "Scene": "World Environment Stage",
-        "Actuator": "Muscle Motor",
-        "PrescribedMotion, or System.pin": "Pin pin Fixed Anchor Constraint fix",
-        "Attachment or join": "Tie weld attach connect",
+        "Actuator": "motor",
+        "PrescribedMotion, or System.pin": "pin fixed anchor constraint fix createSoftBodyAnchor equality mocap",
+        "Attachment or join": "tie weld attach createConstraint joint hinge tendon",
         "Trajectory(path)": "load read open open_trajectory",
-        _WINDOW: "render plot animate GUI Window Plotter viewer launch_passive",
+        _WINDOW: "render plot animate GUI Window Plotter viewer launch_passive connect",
         "run(scene, out)": "simulate main",
-        "the argument device of Simulation and run": "init set_device cpu gpu cuda",
-        "the argument gravity of Scene and Simulation": "Gravity set_gravity setGravity gravity",
+        "the argument device of Simulation and run": "init device cpu gpu cuda",
+        "the argument gravity of Scene and Simulation": "gravity",
         "Simulation.step": "step stepSimulation mj_step",
-        "Contact": "Collision Friction collide",
+        "Contact": "collision friction collide",
+        "a + b, sum([a, b]), or join": "concatenate merge stack hstack vstack append",
         "SymplecticEuler, Leapfrog, RK4, RKC2 or LinearlyImplicitEuler": (
             "Euler SemiImplicitEuler ImplicitEuler Verlet VelocityVerlet RungeKutta"
         ),
@@ -93,14 +95,14 @@ NAMES: dict[str, dict[str, str]] = {
         _WINDOW: "plot show render view draw",
         "particle_count": "n_points num_particles n_particles size n count shape",
         "a + b or sum([a, b])": "merge append add concatenate join combine",
-        "replace": "set update with_stiffness with_mass",
+        "replace": "update with_stiffness with_mass",
         "with_velocity or spin": "set_velocity throw push apply_force",
         "msdwarp.TrajectoryWriter, or msdwarp.run": "save write export",
     },
     "Scene": {
         "msdwarp.run(scene, out), or msdwarp.Simulation(scene)": "run simulate step play",
         _WINDOW: "show view render plot film draw",
-        "replace": "set update copy",
+        "replace": "update copy",
         "system": "body bodies model",
         "colliders": "obstacles ground_planes",
         "replace(system=scene.system + body)": "add add_body append",
@@ -108,7 +110,9 @@ NAMES: dict[str, dict[str, str]] = {
         "replace(loads=[...])": "add_force add_load",
     },
     "Simulation": {
-        "step(frames), or frames(seconds), which yields them": "run advance simulate forward play integrate",
+        "step(frames), or frames(seconds), which yields them": (
+            "run advance simulate forward play integrate stepSimulation mj_step"
+        ),
         "frame().position": "position x points qpos",
         "frame().velocity": "velocity velocities v qvel",
         _ALL: "energy kinetic_energy potential_energy elastic_energy total_energy momentum get_energy",
@@ -116,14 +120,16 @@ NAMES: dict[str, dict[str, str]] = {
         "msdwarp.view(scene), msdwarp.show or msdwarp.Renderer": "view show plot draw image",
         "snapshot(), which returns a System": "get_state body copy particles",
         "msdwarp.run, which stores all, or msdwarp.TrajectoryWriter": "save write export dump",
-        "change": "set update set_gravity set_stiffness set_parameters",
+        "change": "update set_gravity set_stiffness set_parameters",
         "loads of the scene, such as Force": "apply_force add_force applyExternalForce",
         "substeps, of a frame of 1 / fps seconds": "timestep time_step",
-        "contact_force()": "contacts contact_forces get_contacts",
+        "contact_force()": "contacts contact_forces contact_points",
         "change(colliders=...)": "add_collider set_colliders",
     },
 }
 """What an unknown attribute may mean, by class or module: a text, and the guesses that lead to it."""
+_NEAR = 0.7
+"""How alike a guess and a name must be, of 1: a third of such letters may differ."""
 _done = set[type]()
 """Classes that `guide` has changed."""
 _UNEXPECTED = re.compile(r".*\(\) got an unexpected keyword argument '(\w+)'")
@@ -132,10 +138,17 @@ _UNEXPECTED = re.compile(r".*\(\) got an unexpected keyword argument '(\w+)'")
 def did_you_mean(guess: str, known: Iterable[str], meant: dict[str, str] | None = None) -> str:
     """Return the end of a message that leads from a guess to a known name; empty if none is near."""
     for text, guesses in (meant or {}).items():
-        if guess in guesses.split():
+        if _plain(guess) in map(_plain, guesses.split()):
             return f". Did you mean {text}?"
-    near = difflib.get_close_matches(guess, list(known), 1)
-    return f". Did you mean {near[0]}?" if near else ""
+    names = {_plain(name): name for name in known}
+    near = difflib.get_close_matches(_plain(guess), names, 1, _NEAR)
+    return f". Did you mean {names[near[0]]}?" if near else ""
+
+
+def _plain(name: str) -> str:
+    """Return a name without what differs between programs: set_gravity, setGravity and gravity are one."""
+    plain = name.lower().replace("_", "")
+    return plain[3:] if plain.startswith(("get", "set")) else plain
 
 
 def parameter_meant(guess: str, known: Iterable[str]) -> str:
@@ -148,7 +161,10 @@ def parameter_meant(guess: str, known: Iterable[str]) -> str:
 
 def no_attribute(of: Any, name: str, owner: str, what: str) -> AttributeError:
     """Return the error that an object has no attribute of this name; `what` is the object in the message."""
-    hint = "" if name.startswith("_") else did_you_mean(name, _public(dir(of)), NAMES.get(owner))
+    hint = ""
+    if not name.startswith("_"):  # Python asks for many of those, and takes the error for an answer
+        known = getattr(of, "__all__", None) or [one for one in dir(of) if not one.startswith("_")]
+        hint = did_you_mean(name, known, NAMES.get(owner))
     return AttributeError(f"{what} has no attribute {name!r}{hint}", name=name)
 
 
@@ -196,7 +212,9 @@ def _hinted(call: Callable[..., Any], given: tuple[Any, ...], word: str, error: 
     """
     if error.__traceback__ is None:  # Python itself could not make the call
         known = [
-            one.name for one in inspect.signature(call).parameters.values() if one.kind is not one.VAR_KEYWORD
+            one.name
+            for one in inspect.signature(call).parameters.values()
+            if one.kind is not one.VAR_KEYWORD and one.name != "self"
         ]
     elif call.__name__ == "replace":
         known = list(vars(given[0]))
@@ -213,7 +231,3 @@ def _missing(self: Any, name: str) -> Any:
         return object.__getattribute__(self, name)
     owner = next((one.__name__ for one in type(self).__mro__ if one.__name__ in NAMES), "")
     raise no_attribute(self, name, owner, f"{type(self).__name__!r} object")
-
-
-def _public(names: Iterable[str]) -> list[str]:
-    return [name for name in names if not name.startswith("_")]
