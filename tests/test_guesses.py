@@ -79,12 +79,10 @@ def test_what_guesses_lead_to_is_there():
             if " " not in (first := re.split(r"[(.,]| or ", text)[0]) and first != "msdwarp":
                 assert hasattr(of, first), text
             assert not [one for one in guesses.split() if hasattr(of, one)], text  # else it is no guess
-    parameters = {
-        one
-        for name in msd.__all__
-        if callable(thing := getattr(msd, name)) and not (isinstance(thing, type) and issubclass(thing, Exception))
-        for one in inspect.signature(thing).parameters
-    }
+    things = [thing for name in msd.__all__ if inspect.isfunction(thing := getattr(msd, name))]
+    classes = [msd.System, msd.Scene, msd.Simulation, msd.Renderer, msd.Sphere, msd.Box, msd.Look]
+    things += [*classes, *(one for cls in classes for one in vars(cls).values() if inspect.isfunction(one))]
+    parameters = {one for thing in things for one in inspect.signature(thing).parameters}
     assert {re.split("[=,]", text)[0] for text in KEYWORDS} <= parameters
 
 

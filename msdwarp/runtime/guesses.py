@@ -21,10 +21,10 @@ _ALL = "measure(), which returns kinetic_energy, elastic_energy and more"
 KEYWORDS = {
     "stiffness": "k ke ks spring_constant spring_stiffness",
     "damping": "b c d kd damping_coefficient",
-    _MATERIAL: "density rho young youngs young_modulus youngs_modulus E Y poisson poissons_ratio nu",
-    "mass": "m mass_per_particle",
+    _MATERIAL: "density rho young young_modulus youngs_modulus E Y poisson poissons_ratio nu",
+    "mass": "m mass_per_particle weight",
     "shape": "size dims dimensions n_particles resolution half_extents extents",
-    "spacing": "dx h cell_size edge_length",
+    "spacing": "dx h cell_size edge_length quad_size pitch",
     "count": "n num segments",
     "system": "body bodies objects",
     "colliders": "obstacles ground floor walls",
@@ -32,14 +32,17 @@ KEYWORDS = {
     "probes": "sensors",
     "contact": "collision collisions self_collision",
     "friction": "mu lateral_friction friction_coefficient sliding_friction",
-    "restitution": "e bounce bounciness elasticity",
+    "restitution": "e bounce bounciness elasticity restitution_coefficient",
     _STEP: "dt timestep time_step h step_size",
     "integrator": "method solver scheme",
     "precision": "dtype",
     "device": "arch backend gpu",
     "duration": "seconds time t_end length steps",
     "seconds": "duration time length",
-    "position": "center centre pos origin location",
+    "position": "center centre pos origin location translation",
+    "displacement": "xyz offset shift vector by",
+    "size": "x_length lengths half_extents extents bounds",
+    "resolution": "window_size size width",
     "color": "colour",
     "coloring": "colouring color",
     "film": "video movie",
@@ -59,21 +62,25 @@ NAMES: dict[str, dict[str, str]] = {
         "System, or a function that makes one, such as box, ball, sheet or from_mesh": (
             "body SoftBody particles Model MassSpringSystem geom"
         ),
-        "from_volume, which reads files": "load_mesh read_mesh mesh loadSoftBody loadURDF load_obj from_file",
+        "from_volume, which reads files": "load_mesh read_mesh mesh loadSoftBody load_obj from_file",
         "Plane": "ground floor wall HalfSpace",
-        "Capsule or Cone; any mesh that is pinned as a whole is an obstacle, too": "Cylinder Obstacle",
+        "cylinder, which is a body, or Capsule, an obstacle": "Cylinder",
+        "Plane, Sphere, Box, Capsule or Cone": "obstacle createCollisionShape shape",
         "Probe": "Sensor ForceSensor LoadCell site",
-        _LOOK: "Camera Light Viewer",
+        _LOOK: "camera light",
         "Scene": "World Environment Stage",
         "Actuator": "motor",
         "PrescribedMotion, or System.pin": "pin fixed anchor constraint fix createSoftBodyAnchor equality mocap",
         "Attachment or join": "tie weld attach createConstraint joint hinge tendon",
         "Trajectory(path)": "load read open open_trajectory",
-        _WINDOW: "render plot animate GUI Window Plotter viewer launch_passive connect",
+        _WINDOW: "render plot animate gui ui window plotter viewer launch_passive connect",
         "run(scene, out)": "simulate main",
         "the argument device of Simulation and run": "init device cpu gpu cuda",
         "the argument gravity of Scene and Simulation": "gravity",
         "Simulation.step": "step stepSimulation mj_step",
+        "Simulation.reset": "reset resetSimulation mj_resetData",
+        "arguments of Simulation, such as integrator, substeps and gravity": "option params config settings",
+        "an array of NumPy, as all functions take": "array zeros ones linspace vec3 Vector Matrix field",
         "Contact": "collision friction collide",
         "a + b, sum([a, b]), or join": "concatenate merge stack hstack vstack append",
         "SymplecticEuler, Leapfrog, RK4, RKC2 or LinearlyImplicitEuler": (
@@ -87,13 +94,19 @@ NAMES: dict[str, dict[str, str]] = {
         "velocity": "velocities v vel qvel",
         "mass": "masses m",
         "connections": "springs edges links lines",
-        "surface.triangles": "faces triangles cells_tri",
+        "surface.triangles": "faces triangles",
         "position.min(axis=0) and position.max(axis=0)": "bounds extent bounding_box aabb",
         "centre_of_mass": "center centre com center_of_mass centroid mean",
         "the system itself, which never changes: its methods return a new one": "copy clone deepcopy",
         "rotate(angle, axis), by radians": "rotate_x rotate_y rotate_z turn",
         _WINDOW: "plot show render view draw",
-        "particle_count": "n_points num_particles n_particles size n count shape",
+        "particle_count": "n_points num_particles n_particles size n count shape nbody",
+        "connection_count": "n_cells n_springs num_springs n_edges",
+        "dim": "ndim dimension",
+        "mass.sum()": "total_mass get_mass_total weight",
+        "pin(mask), or System of chosen particles and connections": "clip extract extract_points threshold",
+        "rotate or scale": "transform reflect flip mirror",
+        "the arrays of its fields, such as position": "points_data point_data array dtype T numpy to_numpy",
         "a + b or sum([a, b])": "merge append add concatenate join combine",
         "replace": "update with_stiffness with_mass",
         "with_velocity or spin": "set_velocity throw push apply_force",
@@ -122,6 +135,10 @@ NAMES: dict[str, dict[str, str]] = {
         "msdwarp.run, which stores all, or msdwarp.TrajectoryWriter": "save write export dump",
         "change": "update set_gravity set_stiffness set_parameters",
         "loads of the scene, such as Force": "apply_force add_force applyExternalForce",
+        "reset": "resetSimulation restart",
+        "loads, such as Actuator(strain), with functions of time": "ctrl control act actuators",
+        "frame(), measure() and snapshot()": "data results output observation obs",
+        "step, whose substeps are automatic": "substep integrate_step mj_step1",
         "substeps, of a frame of 1 / fps seconds": "timestep time_step",
         "contact_force()": "contacts contact_forces contact_points",
         "change(colliders=...)": "add_collider set_colliders",
@@ -130,6 +147,8 @@ NAMES: dict[str, dict[str, str]] = {
 """What an unknown attribute may mean, by class or module: a text, and the guesses that lead to it."""
 _NEAR = 0.7
 """How alike a guess and a name must be, of 1: a third of such letters may differ."""
+_MOST_LISTED = 12
+"""Maximal number of parameters that a message lists if none is near."""
 _done = set[type]()
 """Classes that `guide` has changed."""
 _UNEXPECTED = re.compile(r".*\(\) got an unexpected keyword argument '(\w+)'")
@@ -154,9 +173,9 @@ def _plain(name: str) -> str:
 def parameter_meant(guess: str, known: Iterable[str]) -> str:
     """Return the end of a message about an unknown keyword of a function with `known` parameters."""
     known = list(known)
-    return did_you_mean(
-        guess, known, {text: words for text, words in KEYWORDS.items() if re.split("[=,]", text)[0] in known}
-    )
+    meant = {text: words for text, words in KEYWORDS.items() if re.split("[=,]", text)[0] in known}
+    listed = f"; it takes {', '.join(known)}" if 0 < len(known) <= _MOST_LISTED else ""
+    return did_you_mean(guess, known, meant) or listed
 
 
 def no_attribute(of: Any, name: str, owner: str, what: str) -> AttributeError:
