@@ -150,5 +150,7 @@ def test_a_part_has_a_name():
 
 
 def test_a_file_leads_from_a_mesh_to_a_volume():
-    with pytest.raises(ValueError, match=r"mesh is 'x.obj'; it must be a PyVista .*; from_volume reads files"):
+    with pytest.raises(
+        ValueError, match=r"mesh is 'x.obj'; it must be a PyVista .*; from_volume makes a solid of a file"
+    ):
         msd.from_mesh("x.obj", across=3)

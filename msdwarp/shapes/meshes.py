@@ -119,7 +119,11 @@ def read_mesh(mesh: Any) -> Mesh:
     elif isinstance(mesh, tuple | list) and len(mesh) == 2:
         given = mesh
     else:
-        file = "; from_volume reads files" if isinstance(mesh, str | PathLike) else ""
+        file = (
+            "; from_volume makes a solid of a file, pyvista.read a mesh"
+            if isinstance(mesh, str | PathLike)
+            else ""
+        )
         raise ValueError(
             f"mesh is {checks.repr_short(mesh) if file else f'a {type(mesh).__name__}'}; "
             f"it must be a PyVista surface or (points, triangles){file}"
