@@ -101,7 +101,7 @@ def run(
     else:
         checks.instance("scene", scene, Scene, "Scene(system=chain(5)), or the name of one")
         name = (options.out or Path(sys.argv[0] or "scene")).stem or "scene"
-        origin = Origin(name, f"{name} (made in Python)", lambda: scene, {})
+        origin = Origin(name, f"(made in Python)/{name}", lambda: scene, {})
         options = replace(options, restart=0.0)  # as nobody could build the scene again
     start_warp(options.verbose)
     try:

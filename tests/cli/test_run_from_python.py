@@ -42,6 +42,9 @@ def test_a_run_is_that_of_the_command(msdwarp, tmp_path):
     code, _, err = msdwarp("resume", "out/called")
     assert code == 1
     assert "has no restart.h5" in err
+    code = msdwarp("render", "out/called", "--frames", "none", "--video", "gif", "--resolution", "96x64")[0]
+    assert code == 0
+    assert (tmp_path / "out/called/render/called.gif").exists()  # named as `run` does
 
 
 def test_a_run_draws_and_tells(tmp_path, monkeypatch, capsys):
