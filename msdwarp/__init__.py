@@ -77,7 +77,9 @@ if _typing.TYPE_CHECKING:
         StartWarning as StartWarning,
         StepWarning as StepWarning,
         StrainWarning as StrainWarning,
+        UnitWarning as UnitWarning,
     )
+    from .cli import run as run
     from .engine import Measures as Measures
     from .files import Trajectory as Trajectory, TrajectoryWriter as TrajectoryWriter
     from .integrators import (
@@ -92,7 +94,7 @@ if _typing.TYPE_CHECKING:
         match_stiffness as match_stiffness,
         stability_limit as stability_limit,
     )
-    from .live import View as View, show as show, view as view
+    from .live import View as View, film as film, show as show, view as view
     from .pictures import ColorScale as ColorScale, Renderer as Renderer
     from .shapes import (
         ball as ball,
@@ -154,6 +156,7 @@ if _typing.TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
+_runtime: _typing.Any = _importlib.import_module(".runtime", __name__)
 # The room of each name, read off the imports above. A room, with Warp if the room needs it, is imported when one
 # of its names is first used.
 _ROOMS = {
@@ -168,12 +171,21 @@ def __getattr__(name: str) -> object:
     for room, names in _ROOMS.items():
         if name == room or name in names:
             module = _importlib.import_module(f".{room}", __name__)
-            globals().update({one: getattr(module, one) for one in names})
+            _guide_loaded()
             return module if name == room else globals()[name]
-    new = _importlib.import_module(".runtime", __name__).RENAMED.get(name)
-    raise AttributeError(
-        f"module {__name__!r} has no attribute {name!r}" + (f"; it is {new} since 0.3" if new else "")
-    )
+    raise _runtime.no_attribute(_sys.modules[__name__], name, __name__, f"module {__name__!r}")
+
+
+def _guide_loaded() -> None:
+    """Take the names of all rooms that are imported by now, with errors that lead to them."""
+    for room, names in _ROOMS.items():
+        module = _sys.modules.get(f"{__name__}.{room}")
+        for one in names if module else ():
+            if one not in globals() and (thing := getattr(module, one, None)) is not None:
+                globals()[one] = guided = _runtime.guide(thing)
+                if guided is not thing:  # a function: where `pickle` looks for it, too
+                    setattr(_sys.modules[thing.__module__], one, guided)
+                    setattr(module, one, guided)
 
 
 def __dir__() -> list[str]:

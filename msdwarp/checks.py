@@ -4,6 +4,7 @@ import importlib
 import math
 import re
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -54,6 +55,18 @@ class StepWarning(UserWarning):
 
 class StrainWarning(UserWarning):
     """A body is strained so much that its model may not hold."""
+
+
+class UnitWarning(UserWarning):
+    """A length or a density is so large or small that it is probably in other units than metres and kg/m³."""
+
+
+def warn(message: str, kind: type[Warning] = UserWarning) -> None:
+    """Warn at the user's line: the first outside of msdwarp that led here."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "msdwarp":
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, kind, stacklevel=level)
 
 
 def array(name: str, value: ArrayLike) -> NDArray[np.float64]:

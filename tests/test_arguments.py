@@ -146,6 +146,7 @@ WORLD = [
     (lambda: msd.at(np.nan), "time is nan"),
     (lambda: msd.at("soon"), "time is 'soon'"),
     (lambda: msd.at(1.0, color=1.0), "parameter is 'color'; it must be one of 'mass', 'velocity', 'stiffness'"),
+    (lambda: msd.at(1.0, pin="hand", mass=1.0), "pin is given beside other changes of a group"),
     (lambda: msd.at(1.0, set_rest_shape=True, rest_length=1.0), "set_rest_shape sets rest_length"),
 ]
 PICTURES = [

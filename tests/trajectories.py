@@ -19,7 +19,7 @@ SYSTEMS = {
     "line": System(position=[[0.0], [1.0], [2.5]], connections=[[0, 1], [1, 2]]),
     "plane": sheet((4, 3), dim=2),
     "dust": System(position=np.random.default_rng(1).normal(size=(7, 3))),
-    "chain": chain(5, dim=3) if "dim" in chain.__kwdefaults__ else chain(5),
+    "chain": chain(5, dim=3),
     "box": box((4, 3, 3)),
     "embedded": ball(1.0, 0.4),
     "embedded and box": ball(1.0, 0.5) + box((2, 2, 2)),

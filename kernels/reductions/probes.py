@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..basis import fully_hashed, kernel, vector
+from ..colliders.signed_distance import signed_distance, solids
 from ..springs.cell_geometry import cell_geometry
 from ..springs.cell_volumes import volume_law
 from .measure import difference
@@ -116,6 +117,124 @@ def mean_of_function(dim: int, scalar: type, function: Any, width: int) -> Sum:
         return wp.float64(1.0) / wp.float64(data.member.shape[0]) * Columns(function(place, speed, data.member[m]))
 
     return Sum(MeanData, weighted, columns)
+
+
+@functools.cache
+def wrench_on_obstacle(dim: int, scalar: type, kinds: tuple[str, ...], moving: bool) -> Sum:
+    """Return the sum of the impulses of particles on an obstacle, then of their moments about its centre.
+
+    Each particle has one impulse J from all obstacles. It counts for the obstacle that the particle touches. If it
+    touches several, in a corner, J is divided between the two that press most, along their normals; what is left,
+    friction, is divided in the same ratio. So the impulses on all obstacles add up to those on particles.
+    """
+    V, Wide, Solids = vector(dim, scalar), vector(dim, wp.float64), solids(dim, scalar)
+    Turn, moments = wp.types.matrix((dim, dim), scalar), {1: 0, 2: 1, 3: 3}[dim]
+    Columns, Result = wp.types.vector(dim + moments, wp.float64), wp.types.vector(dim + 1, scalar)
+    distance_from = signed_distance(dim, scalar, kinds)
+
+    class WrenchData:
+        mass: wp.array(dtype=wp.float64)  # [kg], 0 if obstacles cannot move the particle, shape [particle_count]
+        value: wp.array(dtype=Wide)  # impulse by all obstacles per mass [m/s], shape [particle_count]
+        x: wp.array(dtype=V)  # positions [m]
+        solids: Solids
+        obstacle_count: int
+        obstacle: int  # index of the one that is measured
+        centre: V  # about which moments are taken, of the obstacle in its given pose [m]
+        slack: scalar  # difference of distances up to which a particle touches several [m]
+        if moving:
+            # Poses, each of shape [rows, count], and the row that counts:
+            turn: wp.array2d(dtype=Turn)
+            shift: wp.array2d(dtype=V)
+            row: int
+        stride: int
+
+    if moving:  # generated code needs another name
+        WrenchData.__qualname__ = WrenchData.__qualname__.replace("Wrench", "MovingWrench")
+    WrenchData = wp.struct(WrenchData)
+
+    @wp.func
+    def look(data: WrenchData, p: int, x: V) -> Result:
+        if wp.static(moving):
+            turn = data.turn[data.row, p]
+            found = distance_from(data.solids, p, wp.transpose(turn) * (x - data.shift[data.row, p]))
+            normal = V()
+            for k in range(wp.static(dim)):
+                normal[k] = found[k]
+            normal = turn * normal
+            for k in range(wp.static(dim)):
+                found[k] = normal[k]
+            return found
+        return distance_from(data.solids, p, x)
+
+    @wp.func
+    def part_of(data: WrenchData, x: V, push: Wide) -> Wide:
+        least = scalar(1.0e30)
+        for p in range(data.obstacle_count):
+            least = wp.min(least, look(data, p, x)[wp.static(dim)])
+        first = int(-1)
+        second = int(-1)
+        b1 = wp.float64(0.0)
+        b2 = wp.float64(0.0)
+        n1 = Wide()
+        n2 = Wide()
+        for p in range(data.obstacle_count):
+            found = look(data, p, x)
+            if found[wp.static(dim)] <= least + data.slack:
+                normal = Wide()
+                for k in range(wp.static(dim)):
+                    normal[k] = wp.float64(found[k])
+                pressing = wp.dot(normal, push)
+                if first < 0 or pressing > b1:
+                    second = first
+                    b2 = b1
+                    n2 = n1
+                    first = p
+                    b1 = pressing
+                    n1 = normal
+                elif second < 0 or pressing > b2:
+                    second = p
+                    b2 = pressing
+                    n2 = normal
+        cosine = wp.dot(n1, n2)
+        sine = wp.float64(1.0) - cosine * cosine
+        by_first = wp.float64(1.0)
+        by_second = wp.float64(0.0)
+        if second >= 0 and sine > wp.float64(1.0e-6):
+            by_first = wp.max(b1 - cosine * b2, wp.float64(0.0)) / sine
+            by_second = wp.max(b2 - cosine * b1, wp.float64(0.0)) / sine
+        if by_second <= wp.float64(0.0) or by_first <= wp.float64(0.0):
+            if data.obstacle == first:
+                return push
+            return Wide()
+        rest = (push - by_first * n1 - by_second * n2) / (by_first + by_second)
+        if data.obstacle == first:
+            return by_first * (n1 + rest)
+        if data.obstacle == second:
+            return by_second * (n2 + rest)
+        return Wide()
+
+    @wp.func
+    def wrench(data: WrenchData, w: int, m: int) -> Columns:
+        result = Columns()
+        push = data.mass[m] * data.value[m]
+        if wp.dot(push, push) > wp.float64(0.0):
+            x = data.x[m]
+            centre = data.centre
+            if wp.static(moving):
+                centre = data.turn[data.row, data.obstacle] * centre + data.shift[data.row, data.obstacle]
+            on = -part_of(data, x, push)
+            arm = Wide(x) - Wide(centre)
+            for k in range(wp.static(dim)):
+                result[k] = on[k]
+            if wp.static(dim == 2):
+                result[2] = arm[0] * on[1] - arm[1] * on[0]
+            if wp.static(dim == 3):
+                moment = wp.cross(arm, on)
+                for k in range(3):
+                    result[3 + k] = moment[k]
+        return result
+
+    return Sum(WrenchData, wrench, dim + moments)
 
 
 @functools.cache

@@ -27,7 +27,7 @@ from .frame import Frame, Series
 from .law_kinds import DamperKinds, LawKinds, SpringKinds, each_law, joined_laws
 from .materials import CORK, COTTON, FOAM, JELLY, MUSCLE, RUBBER, SILICONE, STEEL_WIRE, Material
 from .numbering import places_along_curve, space_filling_order
-from .selection import body_name, mask_of
+from .selection import body_name, mask_of, particles_meant
 from .space import AXES, in_space, rotated, rotation, rotations
 from .springs import (
     LINEAR_SPRING,
@@ -41,6 +41,6 @@ from .springs import (
 )
 from .stress import connection_shares, stress, von_mises
 from .surface import Surface
-from .system import System, counted, headline, particles_meant
+from .system import System, headline
 from .torn_surfaces import Bare, Edges, broken_before, cells_of, connection_between, laid_bare
-from .uniform import is_uniform, joined, stored, uniform, uniform_like
+from .uniform import counted, is_uniform, joined, stored, uniform, uniform_like

@@ -122,6 +122,10 @@ class Cells:
         """Return these cells with modulus and damping multiplied by factors."""
         return replace(self, modulus=modulus * self.modulus, damping=damping * self.damping)
 
+    def enlarged(self, factor: float) -> Self:
+        """Return these cells when all lengths are multiplied by a factor."""
+        return replace(self, rest_volume=self.rest_volume * factor ** np.where(self.flat, 2, 3))
+
     def renumbered(self, number: NDArray[np.integer]) -> Self:
         """Return these cells, sorted by their first corner, when particle k becomes `number[k]`."""
         corners = np.where(self.corners == NONE, NONE, number[self.corners])

@@ -18,6 +18,8 @@ _OVER_SHEAR = {2: 8 / 3, 3: 5 / 2}
 """Young's modulus divided by the shear modulus, of springs with diagonals, by number of axes."""
 ROUNDING = 1e-12
 """If λ and μ differ by less than this fraction, they count as equal: springs alone have the ratio."""
+LIGHTEST, DENSEST = 10.0, 30_000.0
+"""Densities that are taken as meant [kg/m³]; osmium has 22 600."""
 LARGEST_RATIO = 0.49
 """Largest Poisson's ratio: near 1/2 the resistance to compression grows without bound."""
 
@@ -80,6 +82,11 @@ class Material:
         ζ; at 1 the slowest longitudinal mode is critically damped. For small damping it is half the loss factor η.
     poissons_ratio
         ν, from 0 to 0.49; by default the ratio of springs alone, which costs least. It has no effect on a chain.
+
+    Warns
+    -----
+    UnitWarning
+        If the density is below 10 or above 30 000 kg/m³, as 1.2 for g/cm³ would be.
     """
 
     density: float
@@ -89,6 +96,9 @@ class Material:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "density", checks.positive("density", self.density))
+        if not LIGHTEST <= self.density <= DENSEST:
+            solids = f"solids have {LIGHTEST:g} to {DENSEST:g} kg/m³"
+            checks.warn(f"density is {self.density:g} kg/m³; {solids}, and 1 g/cm³ is 1000", checks.UnitWarning)
         object.__setattr__(self, "youngs_modulus", checks.positive("youngs_modulus", self.youngs_modulus))
         object.__setattr__(self, "damping_ratio", checks.non_negative("damping_ratio", self.damping_ratio))
         if self.poissons_ratio is not None:

@@ -1,10 +1,25 @@
 """Selection of particles by indices, a slice or a mask."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .. import checks
+
+
+class Grouped(Protocol):
+    """What has particles, some of them in groups with names: a `System`."""
+
+    @property
+    def particle_count(self) -> int:
+        """Number of particles."""
+        ...
+
+    def group(self, name: str, argument: str = "group") -> NDArray[np.bool_]:
+        """Return the mask of the particles in a group, shape [particle_count]."""
+        ...
 
 
 def selected(name: str, selection: Any, count: int) -> NDArray[np.bool_]:
@@ -28,6 +43,22 @@ def selected(name: str, selection: Any, count: int) -> NDArray[np.bool_]:
     if isinstance(where, np.ndarray):
         check_no_mask(name, where, count)
     return chosen
+
+
+def particles_meant(name: str, which: Any, system: Grouped, *, some: bool = True) -> NDArray[np.bool_]:
+    """Return a mask of particles, shape [particle_count], for a group's name, indices, a mask, or None for all.
+
+    Raises ValueError naming the argument if there is no such group or index or, with `some`, it names no particle.
+    """
+    return np.ones(system.particle_count, dtype=bool) if which is None else chosen(name, which, system, some)
+
+
+def chosen(name: str, which: Any, system: Grouped, some: bool = True) -> NDArray[np.bool_]:
+    """Return a mask of particles as `particles_meant` does, but raise ValueError for None."""
+    mask = system.group(which, name) if isinstance(which, str) else selected(name, which, system.particle_count)
+    if some and not mask.any():
+        raise ValueError(f"{name} is {checks.repr_short(which)}; it must name one particle at least")
+    return mask
 
 
 def mask_of(where: Any, count: int) -> NDArray[np.bool_]:

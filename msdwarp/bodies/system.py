@@ -15,11 +15,11 @@ from .cells import Cells
 from .dampers import LINEAR, Damper
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
 from .numbering import between_neighbours, concatenated, renumbered
-from .selection import mask_of, selected
+from .selection import chosen, mask_of, particles_meant
 from .space import rotation_matrix
 from .springs import LINEAR_SPRING, Spring
 from .surface import Surface
-from .uniform import stored, uniform
+from .uniform import counted, span, stored, uniform
 
 _NAMED = 4
 """Maximal number of groups that a system's text lists by name; if there are more, they are counted."""
@@ -294,6 +294,18 @@ class System:
         turn = rotation_matrix(self.dim, angle, axis)
         return self.replace(position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T)
 
+    def scale(self, factor: float, about: ArrayLike | None = None) -> Self:
+        """Return this system with all lengths multiplied by a factor, about a point [m], shape [d].
+
+        By default its centre of mass stays in place; scale(0.001, about=(0, 0, 0)) converts from millimetres.
+        Masses, constants and velocities stay as they are: make a body of a material in its final size instead.
+        """
+        factor = checks.positive("factor", factor)
+        centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
+        rest, original = (factor * one for one in (self.rest_length, self.original_length))
+        cells, position = self.cells and self.cells.enlarged(factor), centre + factor * (self.position - centre)
+        return self.replace(position=position, rest_length=rest, original_length=original, cells=cells)
+
     def spin(self, angular_velocity: ArrayLike) -> Self:
         """Return this system with a rotation about its centre of mass added to its velocities.
 
@@ -325,9 +337,9 @@ class System:
         The selection is the name of a group, indices, a slice, or a mask of booleans, shape [particle_count].
         Raises ValueError if it is invalid or empty, no group has the name, or an index is out of range.
         """
-        chosen = _chosen("selection", selection, self)
+        held = chosen("selection", selection, self)
         mass, velocity = np.array(self.mass), np.array(self.velocity)
-        mass[chosen], velocity[chosen] = np.inf, 0.0
+        mass[held], velocity[held] = np.inf, 0.0
         return self.replace(mass=mass, velocity=velocity)
 
     def set_rest_shape(self) -> Self:
@@ -338,10 +350,16 @@ class System:
         cells = None if self.cells is None else self.cells.at_rest(self.position)
         return self.replace(rest_length=self.length, cells=cells)
 
-    def named(self, name: str) -> Self:
-        """Return this system with all particles in a group of this name; other groups stay."""
+    def named(self, name: str, which: Any = None) -> Self:
+        """Return this system with particles in a group of this name, by default all; other groups stay.
+
+        `which` is the name of another group, indices, a slice, a mask of booleans, shape [particle_count], or a
+        function that returns one of these for the positions [m], such as lambda x: x[:, 2] < 0.1. Raises
+        ValueError if it is invalid or empty.
+        """
         checks.instance("name", name, str, "'scoop'")
-        return self.replace(groups={**self.groups, name: np.arange(self.particle_count)})
+        mask = particles_meant("which", which(self.position) if callable(which) else which, self)
+        return self.replace(groups={**self.groups, name: np.flatnonzero(mask)})
 
     def group(self, name: str, argument: str = "group") -> NDArray[np.bool_]:
         """Return the mask of the particles in a group, shape [particle_count].
@@ -360,6 +378,15 @@ class System:
         """
         return self.trusted(**renumbered(vars(self), order))
 
+    def __len__(self) -> int:
+        return self.particle_count
+
+    def __radd__(self, other: int) -> Self:
+        """Return this system for 0 + system, with which `sum` begins."""
+        if other != 0:
+            return NotImplemented
+        return self
+
     def __add__(self, other: System) -> Self:
         """Return one system of both; the particles and connections of `other` come second."""
         if not isinstance(other, System):
@@ -367,34 +394,7 @@ class System:
         return self.trusted(**concatenated(vars(self), vars(other)))
 
 
-def counted(count: int, what: str) -> str:
-    """Return a count with its noun, such as "1 particle"."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
-
-
-def span(values: NDArray[np.float64]) -> str:
-    """Return the minimum and maximum of values as text, or one value if all are equal."""
-    least, most = (float(of(stored(values))) for of in (np.min, np.max))
-    return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
-
-
 def headline(system: System) -> str:
     """Return the size of a system as a line of text."""
     particles = f"{counted(system.particle_count, 'particle')} in {counted(system.dim, 'dimension')}"
     return f"System of {particles}, {counted(system.connection_count, 'connection')}"
-
-
-def particles_meant(name: str, which: Any, system: System, *, some: bool = True) -> NDArray[np.bool_]:
-    """Return a mask of particles, shape [particle_count], for a group's name, indices, a mask, or None for all.
-
-    Raises ValueError naming the argument if there is no such group or index or, with `some`, it names no particle.
-    """
-    return np.ones(system.particle_count, dtype=bool) if which is None else _chosen(name, which, system, some)
-
-
-def _chosen(name: str, which: Any, system: System, some: bool = True) -> NDArray[np.bool_]:
-    """Return a mask of particles for a group's name, indices, a slice or a mask; see `particles_meant`."""
-    mask = system.group(which, name) if isinstance(which, str) else selected(name, which, system.particle_count)
-    if some and not mask.any():
-        raise ValueError(f"{name} is {checks.repr_short(which)}; it must name one particle at least")
-    return mask

@@ -1,7 +1,7 @@
 """Uniform arrays: one number, or one row, stored once and repeated by a view whose first stride is 0.
 
 A constant that is equal everywhere takes the memory of one number, on the host and on the device. These functions
-create, join and read arrays of a system, and keep uniform arrays uniform.
+create, join and read arrays of a system, keep uniform arrays uniform, and tell them in words.
 """
 
 import numpy as np
@@ -35,3 +35,14 @@ def joined(a: NDArray, b: NDArray) -> NDArray:
     if views and len(a) and len(b) and np.array_equal(a[0], b[0]):
         return uniform(a[0], len(a) + len(b))
     return np.concatenate([a, b])
+
+
+def counted(count: int, what: str) -> str:
+    """Return a count with its noun, such as "1 particle"."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def span(values: NDArray[np.float64]) -> str:
+    """Return the minimum and maximum of values as text, or one value if all are equal."""
+    least, most = (float(of(stored(values))) for of in (np.min, np.max))
+    return f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"

@@ -22,6 +22,7 @@ LEAST_COLUMNS = 40
 
 def main() -> NoReturn:
     """Run the `msdwarp` command."""
+    signals.own_process()
     with at_once():
         _set_up()
         from .app import app
@@ -32,6 +33,7 @@ def main() -> NoReturn:
 
 def scene_main(build: Callable[..., Any]) -> NoReturn:
     """Run the scene that `build` returns, with flags for its parameters; scene scripts call this."""
+    signals.own_process()
     with at_once():
         _set_up()
         from .app import run_script

@@ -89,7 +89,7 @@ def _wrong(error: CycloptsError) -> str:
         return f"{error.argument.name} is missing"
     if isinstance(error, CoercionError) and error.msg is None and error.token is not None and error.target_type:
         name = error.token.keyword or (error.argument.name if error.argument is not None else "")
-        return f"{name.lstrip('-')} is {error.token.value!r}; it must be {_allowed(error.target_type)}"
+        return f"{name.lstrip('-')} is {error.token.value!r}; it must be {allowed(error.target_type)}"
     if isinstance(error, UnknownOptionError):
         word, known = error.token.keyword, [name for one in error.argument_collection for name in one.names]
         if (meant := _MEANT.get(word)) in known:
@@ -98,15 +98,15 @@ def _wrong(error: CycloptsError) -> str:
     return text[:1].lower() + text[1:]
 
 
-def _allowed(kind: Any) -> str:
+def allowed(kind: Any) -> str:
     """Return the allowed values of a flag, given its type, as text."""
     if get_origin(kind) is Annotated:
-        return _allowed(get_args(kind)[0])
+        return allowed(get_args(kind)[0])
     if get_origin(kind) is Literal:
         values = [str(value) for value in get_args(kind)]
         return values[0] if len(values) == 1 else f"one of {', '.join(values)}"
     if get_origin(kind) in (Union, UnionType):
-        return " or ".join(_allowed(one) for one in get_args(kind) if one is not type(None))
+        return " or ".join(allowed(one) for one in get_args(kind) if one is not type(None))
     return _KINDS.get(kind, f"a {getattr(kind, '__name__', kind)}")
 
 

@@ -127,16 +127,16 @@ def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
         raise ValueError(f"the run's options are those of a later version of msdwarp: {sorted(unknown)}")
     for hints, given in ((own, values), (drawn, pictures)):
         for name, value in given.items():
-            if not _fits(value, hints[name]):
+            if not fits(value, hints[name]):
                 raise ValueError(f"the run's {name} is {checks.repr_short(value)}, which no run stores")
     out = values.pop("out", None)
     return Options(**values, out=out and Path(out), pictures=Pictures(**pictures))
 
 
-def _fits(value: Any, kind: Any) -> bool:
-    """Return whether a JSON value fits the type of an option."""
+def fits(value: Any, kind: Any) -> bool:
+    """Return whether a value, of JSON or Python, fits the type of an option."""
     if get_origin(kind) in (Union, UnionType):
-        return any(_fits(value, one) for one in get_args(kind))
+        return any(fits(value, one) for one in get_args(kind))
     if get_origin(kind) is Literal:
         return any(type(value) is type(one) and value == one for one in get_args(kind))
     kinds = {float: (int, float), Path: str}.get(kind, kind)

@@ -1,6 +1,5 @@
 """Scene files: a scene is found by its name or script."""
 
-import difflib
 import hashlib
 import importlib.util
 import inspect
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .. import scenes
+from ..runtime import did_you_mean
 from .error_messages import remember_script
 from .signals import at_once
 
@@ -84,8 +84,7 @@ def find_scene(scene: str, check: Callable[[str], None] | None = None) -> Origin
     elif path.suffix == ".py":
         raise ValueError(f"scene is {scene!r}, a script that does not exist")
     else:
-        like = difflib.get_close_matches(scene, scene_names(), 1)
-        meant = f". Did you mean {like[0]}?" if like else ""
+        meant = did_you_mean(scene, scene_names())
         raise ValueError(
             f"scene is {scene!r}; it must be a script's path or one of {', '.join(scene_names())}{meant}"
         )

@@ -20,6 +20,8 @@ from ..runtime import asked, handling, in_main_thread
 ALL = ("SIGINT", "SIGTERM", "SIGHUP")
 _A_LITTLE = 0.02
 """Delay before a signal that cannot be handled yet is sent again [s]."""
+_owned = False
+"""Whether this process is the command's."""
 _IN_H5PY = os.path.join("h5py", "_hl", "")
 
 
@@ -98,9 +100,15 @@ def handled(handler: Callable[[int, Any], Any]) -> contextlib.AbstractContextMan
     return handling(handler, heard(*ALL)) if in_main_thread() else contextlib.nullcontext()
 
 
+def own_process() -> None:
+    """Let signals end this process from now on: it is the command's. Called from Python they only raise errors."""
+    global _owned
+    _owned = True
+
+
 def at_once() -> contextlib.AbstractContextManager[None]:
-    """Let signals end the process at once, while no file has to be closed or removed."""
-    return handled(leave)
+    """Let signals end the command's process at once, while no file has to be closed or removed."""
+    return handled(leave) if _owned else contextlib.nullcontext()
 
 
 @contextlib.contextmanager

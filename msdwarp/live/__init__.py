@@ -3,7 +3,7 @@
 from .browser import Browser
 from .handling import Handling, within_reach
 from .keys import KEYS
-from .notebook import show
+from .notebook import film, show
 from .opening import view
 from .recording import FIRST_FRAME, read_deeds
 from .sources import Played, Running, Source

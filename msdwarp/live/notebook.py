@@ -1,25 +1,28 @@
-"""Notebook: `show`, which displays a film, or a still that the mouse turns, in the output of a cell."""
+"""Films from Python: `film` writes one; `show` displays one, or a still that the mouse turns, in a notebook."""
 
 import base64
 import io
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from .. import checks
+from ..bodies import Frame
+from ..disk import writable_folder
 from ..files import Trajectory
-from ..pictures import Renderer, framed, picture_size, write_film
-from ..runtime import renamed
+from ..pictures import FILM_FORMATS, Renderer, check_formats, framed, picture_size, write_film
 from ..simulation import Simulation
 from ..world import Scene
 from .opening import scene_of
 
+Progress = Callable[[str, int, int], None]
+"""A function (what is done, how many frames are, of how many) that shows progress."""
 VIEWS = 12
 """Number of pictures around a still; the mouse selects one."""
 TURNED = """<img id="{name}" src="data:image/webp;base64,{first}" style="cursor: grab" draggable="false">
@@ -38,7 +41,6 @@ TURNED = """<img id="{name}" src="data:image/webp;base64,{first}" style="cursor:
 """Page of a still: moving the mouse across its width turns it once around."""
 
 
-@renamed(colouring="coloring")
 def show(
     shown: Simulation | Scene | Trajectory | str | Path,
     *,
@@ -73,16 +75,9 @@ def show(
         raise RuntimeError("show draws in a notebook, which needs IPython: pip install jupyterlab") from None
     if get_ipython() is None:
         raise RuntimeError("show draws in a notebook, and here is none; msdwarp.view shows a scene in a window")
-    width, height = resolution = picture_size(resolution)
-    if seconds is not None:
-        checks.positive("seconds", seconds)
-    if isinstance(shown, Scene):
-        seconds, scene = shown.duration if seconds is None else seconds, shown
-        shown = Simulation.from_scene(shown)
-    else:
-        shown, scene = scene_of(shown)
+    resolution = picture_size(resolution)
     if isinstance(shown, Simulation) and seconds is None:
-        scene = replace(scene, system=shown.snapshot())  # without what has torn
+        scene = replace(scene_of(shown)[1], system=shown.snapshot())  # without what has torn
         display.display(display.HTML(_still(scene, scene.system.position, shown.time, resolution, coloring)))
         return
     bar: Any = display.display(display.HTML(""), display_id=True)
@@ -91,21 +86,136 @@ def show(
         if done % max(1, count // 50) == 0:
             bar.update(display.HTML(f'{doing} <progress max="{count}" value="{done}"></progress>'))
 
-    if isinstance(shown, Trajectory):
-        positions: Sequence[NDArray] = shown.positions  # pyright: ignore[reportAssignmentType]
-        times, fps, broken_at = list(shown.times), shown.fps, shown.broken_at if scene.system.tears else None
+    with tempfile.TemporaryDirectory() as folder:
+        played = _played(shown, None, seconds, progress)
+        path = _written(played, Path(folder) / "film.webp", None, resolution, coloring, progress)
+        encoded = base64.b64encode(path.read_bytes()).decode()
+    bar.update(display.HTML(f'<img src="data:image/webp;base64,{encoded}">'))
+
+
+def film(
+    shown: Simulation | Scene | Trajectory | str | Path | Iterable[Frame],
+    path: str | Path,
+    *,
+    scene: Scene | None = None,
+    seconds: float | None = None,
+    fps: float | None = None,
+    resolution: tuple[int, int] = (1280, 720),
+    coloring: str | None = None,
+) -> Path:
+    """Write a film of frames, a trajectory, a scene or a simulation; return its path. A film there is replaced.
+
+    `msdwarp.run` also stores the frames, and shows more by colors.
+
+    Parameters
+    ----------
+    shown
+        Frames, such as `list(simulation.frames(2.0))`, with their `scene`; a trajectory or its file; or a scene or
+        a simulation, which is simulated.
+    path
+        The film: "fall.mp4", "fall.webp" or "fall.gif". MP4 needs `pip install 'msdwarp[video]'`.
+    scene
+        The scene of frames, whose look and obstacles are drawn.
+    seconds
+        Simulated time [s]; for a scene by default its duration.
+    fps
+        Pictures a second; by default those of simulated time, for real time.
+    resolution
+        Width and height in pixels.
+    coloring
+        "texture" or "strain". Default: set by the scene's look.
+
+    Returns
+    -------
+    Path
+        The path of the film.
+
+    Raises
+    ------
+    ValueError
+        If `shown` is invalid, `path` ends otherwise, or an argument is out of range or missing.
+    OSError
+        If the folder of `path` cannot be made or written to.
+    """
+    path = Path(path)
+    checks.one_of("the end of path", path.suffix, [f".{end}" for end in FILM_FORMATS if end != "none"])
+    check_formats("none", path.suffix[1:])
+    if fps is not None:
+        checks.positive("fps", fps)
+    resolution = picture_size(resolution)
+    writable_folder("path", path.parent, path.parent)
+    return _written(_played(shown, scene, seconds, _silent), path, fps, resolution, coloring, _silent)
+
+
+def _silent(doing: str, done: int, count: int) -> None:
+    """Show no progress."""
+
+
+class _Played(NamedTuple):
+    """What a film shows."""
+
+    scene: Scene
+    """The scene, with what has torn."""
+    positions: Sequence[NDArray]
+    """Positions in each frame [m], shape [particle_count, d]."""
+    times: Sequence[float]
+    """Times of the frames [s]."""
+    fps: float
+    """Frames per second of simulated time."""
+
+
+def _played(shown: Any, scene: Scene | None, seconds: float | None, progress: Progress) -> _Played:
+    """Return what a film shows, simulated if need be; raise ValueError if that is nothing."""
+    if seconds is not None:
+        checks.positive("seconds", seconds)
+    simulates = isinstance(shown, Scene | Simulation)
+    if not simulates and seconds is not None:
+        raise ValueError(f"seconds is {seconds:g}; it must be None where nothing is simulated")
+    if isinstance(shown, Iterable) and not isinstance(shown, str | Trajectory):
+        frames = checks.sequence("shown", shown, Frame, "simulation.frame()")
+        checks.instance("scene", scene, Scene, "the one that was simulated, to draw frames")
+        if not frames:
+            raise ValueError("shown has no frames; there must be one at least")
+        times = [frame.time for frame in frames]
+        fps = (len(times) - 1) / (times[-1] - times[0]) if times[-1] > times[0] else 60.0
+        assert scene is not None
+        return _Played(scene, [frame.position for frame in frames], times, fps)
+    if scene is not None:
+        raise ValueError("scene is given; it must be None where it is known, as it is not of a list of frames")
+    if isinstance(shown, Scene):
+        seconds, scene = shown.duration if seconds is None else seconds, shown
+        shown = Simulation.from_scene(shown)
     else:
-        positions, times, fps = [], [], shown.fps
-        count = max(1, round((seconds or 0.0) * fps))
-        # The first frame is the current one.
-        for k, frame in zip(range(count), shown.frames(count / fps), strict=False):
-            progress("simulating", k, count)
-            positions.append(frame.position)
-            times.append(frame.time)
-        broken_at = shown.snapshot().broken_at if scene.system.tears else None
-    if broken_at is not None:
-        scene = replace(scene, system=scene.system.replace(broken_at=broken_at))
-    seen = framed(scene, positions, range(len(positions)), width / height)
+        shown, scene = scene_of(shown)
+    if isinstance(shown, Trajectory):
+        if scene.system.tears:
+            scene = replace(scene, system=scene.system.replace(broken_at=shown.broken_at))
+        return _Played(scene, shown.positions, list(shown.times), shown.fps)  # pyright: ignore[reportArgumentType]
+    if seconds is None:
+        raise ValueError("seconds is None; a simulation keeps no frames, so it must be how long to go on [s]")
+    positions, times, fps = list[NDArray](), list[float](), shown.fps
+    count = max(1, round(seconds * fps))
+    # The first frame is the current one.
+    for k, frame in zip(range(count), shown.frames(count / fps), strict=False):
+        progress("simulating", k, count)
+        positions.append(frame.position)
+        times.append(frame.time)
+    if scene.system.tears:
+        scene = replace(scene, system=scene.system.replace(broken_at=shown.snapshot().broken_at))
+    return _Played(scene, positions, times, fps)
+
+
+def _written(
+    played: _Played,
+    path: Path,
+    fps: float | None,
+    resolution: tuple[int, int],
+    coloring: str | None,
+    progress: Progress,
+) -> Path:
+    """Draw frames and write a film, whose format is the path's end; return its path."""
+    scene, positions, times, own = played
+    seen = framed(scene, positions, range(len(positions)), resolution[0] / resolution[1])
     renderer = Renderer(scene, seen, resolution=resolution, coloring=coloring)
 
     def images() -> Iterator[NDArray[np.uint8]]:
@@ -113,11 +223,10 @@ def show(
             progress("drawing", k, len(times))
             yield renderer.image(position, float(time))
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = write_film(images(), Path(folder), name="film", fps=fps, frames="none")
-        assert path is not None
-        film = base64.b64encode(path.read_bytes()).decode()
-    bar.update(display.HTML(f'<img src="data:image/webp;base64,{film}">'))
+    how: Any = {"fps": fps or own, "frames": "none", "video": path.suffix[1:]}
+    written = write_film(images(), path.parent, name=path.stem, **how)
+    assert written is not None
+    return written
 
 
 def _still(scene: Scene, position: NDArray, time: float, resolution: tuple[int, int], coloring: str | None) -> str:

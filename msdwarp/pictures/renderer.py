@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..runtime import find_device, in_turn, renamed, start_warp
+from ..runtime import find_device, in_turn, start_warp
 from ..world import Scene
 from .arrows import LONGEST, Arrows
 from .drawing import ColorScale, Drawing
@@ -28,7 +28,6 @@ The class of each takes (drawing, stage, arrows); its `draw(..., shadows)` retur
 """
 
 
-@renamed(colouring="coloring")
 class Renderer:
     """Draws the frames of a scene, with one camera, which stands still unless the look lets it move.
 

@@ -20,6 +20,15 @@ PATIENCE = 60.0
 """Longest wait of a fork for another thread's turn [s]: that thread could itself wait for the one that forks."""
 
 
+def unseen(error: BaseException) -> None:
+    """Take the calling function out of the traceback of an error that it has caught, before it raises this again.
+
+    Users then see their own calls, and where the error came from, without functions that only pass calls on.
+    """
+    assert error.__traceback__ is not None
+    error.__traceback__ = error.__traceback__.tb_next
+
+
 def in_turn(function: Callable[P, T]) -> Callable[P, T]:
     """Return a function that waits for this thread's turn with Warp; nested calls belong to the same turn.
 
@@ -29,18 +38,22 @@ def in_turn(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def taking_turns(*args: P.args, **kwargs: P.kwargs) -> T:
-        if _turn._is_owned():  # type: ignore[attr-defined]  # as `threading.Condition` asks
-            return function(*args, **kwargs)
+        nested = _turn._is_owned()  # type: ignore[attr-defined]  # as `threading.Condition` asks
         try:
-            with _next:  # else a thread that steps in a loop would keep others waiting for hundreds of steps
-                _turn.acquire()
+            if not nested:
+                with _next:  # else a thread that steps in a loop would keep others waiting for hundreds of steps
+                    _turn.acquire()
             return function(*args, **kwargs)
+        except BaseException as error:
+            unseen(error)
+            raise
         finally:
-            try:
-                _end_turn()
-            except BaseException:  # of a signal: other threads would wait for ever
-                _end_turn()
-                raise
+            if not nested:
+                try:
+                    _end_turn()
+                except BaseException:  # of a signal: other threads would wait for ever
+                    _end_turn()
+                    raise
 
     return taking_turns
 
@@ -76,7 +89,11 @@ def exclusive(method: Callable[P, T]) -> Callable[P, T]:
     @in_turn
     @functools.wraps(method)
     def alone(*args: P.args, **kwargs: P.kwargs) -> T:
-        return calling(args[0], method.__name__, method, *args, **kwargs)
+        try:
+            return calling(args[0], method.__name__, method, *args, **kwargs)
+        except BaseException as error:
+            unseen(error)
+            raise
 
     return alone
 
@@ -93,6 +110,9 @@ def calling(owner: Any, name: str, function: Callable[P, T], *args: P.args, **kw
     try:
         own["_busy"] = name, me
         return function(*args, **kwargs)
+    except BaseException as error:
+        unseen(error)
+        raise
     finally:
         own["_busy"] = None
 

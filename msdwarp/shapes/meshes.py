@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from collections.abc import Sequence
+from os import PathLike
 from typing import Any, cast
 
 import numpy as np
@@ -97,13 +97,12 @@ def from_mesh(
     body = embedded(cells, h, skin, volume, neighbours=neighbours, material=material, **constants)
     thickness, times = 2 * volume / area, np.count_nonzero(cells) * h**3 / volume
     if material is not None and thickness < h and times > _MORE:
-        warnings.warn(
+        checks.warn(
             f"the mesh is thinner than its cells of {h:.3g} m: its mean thickness (twice the volume over the "
             f"area) is {thickness:.3g} m, and the cells fill {times:.3g} times its volume. The body's mass is "
             f"that of the mesh, but it is too stiff; with across={math.ceil(2 * longest / thickness)} it is two "
             "cells thick",
             checks.StartWarning,
-            stacklevel=2,
         )
     return body.translate(centre)
 
@@ -120,7 +119,15 @@ def read_mesh(mesh: Any) -> Mesh:
     elif isinstance(mesh, tuple | list) and len(mesh) == 2:
         given = mesh
     else:
-        raise ValueError(f"mesh is a {type(mesh).__name__}; it must be a PyVista surface or (points, triangles)")
+        file = (
+            "; from_volume makes a solid of a file, pyvista.read a mesh"
+            if isinstance(mesh, str | PathLike)
+            else ""
+        )
+        raise ValueError(
+            f"mesh is {checks.repr_short(mesh) if file else f'a {type(mesh).__name__}'}; "
+            f"it must be a PyVista surface or (points, triangles){file}"
+        )
     points = checks.array("the mesh's points", given[0])
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"the mesh's points have shape {points.shape}; they must be (any, 3)")

@@ -18,6 +18,7 @@ from ..world import (
     FORCE,
     FRAME,
     POSITION,
+    QUANTITIES,
     UNITS,
     VELOCITY,
     Probe,
@@ -27,7 +28,7 @@ from ..world import (
 ENERGIES = ("kinetic energy", "elastic energy", "gravitational energy")
 WHOLE = {"positions": ("position", "m"), "velocities": ("velocity", "m/s")}
 """Observations of all particles: the field of `Frame`, and the unit."""
-OBSERVED = [one for one in UNITS if one not in (CONTACT_FORCE, BODY_CONTACT_FORCE)]
+OBSERVED = [one for one in QUANTITIES if one not in (CONTACT_FORCE, BODY_CONTACT_FORCE)]
 """Quantities that probes of an ensemble may measure."""
 WORDS = ("energy", *ENERGIES, *WHOLE)
 AXES = ("x", "y", "z")

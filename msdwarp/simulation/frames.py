@@ -1,6 +1,5 @@
 """Frames of a run, and changes between them."""
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -52,7 +51,7 @@ def _count_frame(run: Run) -> None:
     found = {} if run.controller is None else run.controller.warnings
     for kind in found.keys() - run.warned:
         run.warned.add(kind)
-        warnings.warn(f"up to {run.time:.4g} s {found[kind]}", kind, stacklevel=8)
+        checks.warn(f"up to {run.time:.4g} s {found[kind]}", kind)
 
 
 def change(
@@ -69,7 +68,7 @@ def change(
             raise ValueError("colliders takes the place of all obstacles; nothing else may change in that call")
         run.change_to(run.problem.replace(system=run.snapshot(), colliders=colliders))
         if message := caught(run.problem.system, run.problem.colliders):
-            warnings.warn(message, checks.StartWarning, stacklevel=6)
+            checks.warn(message, checks.StartWarning)
     elif loads is None and contact is None:
         apply(run, change)
     elif changes:
@@ -92,7 +91,7 @@ def settle(run: Run, tolerance: float | None, substeps: int) -> Settled:
         time=run.time,
     )
     if not found.converged:
-        warnings.warn(str(found), checks.SettleWarning, stacklevel=6)
+        checks.warn(str(found), checks.SettleWarning)
     run.change_to(problem)
     run.press(contacts)
     return found

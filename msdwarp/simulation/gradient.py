@@ -2,7 +2,6 @@
 
 import math
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -107,11 +106,10 @@ def gradient(owner: Any, of: Run, loss: Loss, frames: int, by: Sequence[str]) ->
     most = float(growth.max())
     if not math.isfinite(most) or most > EXPLODES * frames:
         where = f" of world {int(growth.max(axis=-1).argmax())}" if stopped.shape else ""
-        warnings.warn(
+        checks.warn(
             f"the gradient{where} is {most:.2g} times as large at the start as what the loss adds: the motion "
             "is chaotic over so many frames, and the gradient tells nothing of finite changes",
             checks.GradientWarning,
-            stacklevel=4,
         )
     growth[stopped] = np.nan
     return Gradient(value if stopped.shape else float(value), run.found(by), growth, found, run.times)

@@ -96,6 +96,8 @@ class Simulation(Present):
     -----
     StartWarning
         If a particle starts deep in an obstacle, or so far from the origin that float32 rounds strains.
+    UnitWarning
+        If a body is longer than 1 km or shorter than 1 µm, as one in millimetres might be.
     """
 
     start: Settled | None = None

@@ -1,7 +1,6 @@
 """SubstepChooser: how many substeps a frame needs, by the stability limit and by functions of time."""
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -112,11 +111,10 @@ class SubstepChooser:
         if most > FEW * (self.forced or checks.LARGEST) * self.fps and not self.warned:
             self.warned = True
             enough = math.ceil(most / self.fps) if most < math.inf else "no number"
-            warnings.warn(
+            checks.warn(
                 f"{name} changes too fast for {given} between {time:.4g} s and "
                 f"{time + LOOK / self.fps:.4g} s; {enough} would resolve it",
                 checks.StepWarning,
-                stacklevel=9,
             )
         return {name: rate for name, rate in found.items() if math.isfinite(rate)}
 

@@ -1,6 +1,5 @@
 """Parameters of a scene, fitted to a measured motion by `fit`."""
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -175,7 +174,7 @@ def fit(
     problem = Problem(worlds, precision, loss)
     theta = _starts(problem, starts, seed)
     for message in time_warnings(channels, worlds.substeps):
-        warnings.warn(message, checks.FitWarning, stacklevel=2)
+        checks.warn(message, checks.FitWarning)
     for one in horizons:
         report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
         theta = problem.approach(theta, one, STEPS)
@@ -197,7 +196,7 @@ def fit(
         report(f"again, with {worlds.substeps} substeps a frame")
     found, messages = _result(problem, best, linear, jumps, of_step, end, converged)
     for message in messages:
-        warnings.warn(message, checks.FitWarning, stacklevel=2)
+        checks.warn(message, checks.FitWarning)
     return found
 
 

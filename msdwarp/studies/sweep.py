@@ -3,7 +3,6 @@
 import inspect
 import shutil
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import chain
@@ -144,7 +143,7 @@ def sweep(
         report=report,
     )
     if refused and jobs == ENSEMBLE:
-        warnings.warn(ensemble_summary(worlds, refused), stacklevel=2)
+        checks.warn(ensemble_summary(worlds, refused))
     return results
 
 

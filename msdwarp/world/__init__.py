@@ -22,6 +22,7 @@ from .probes import (
     SUBSTEP,
     UNITS,
     VELOCITY,
+    WRENCH,
     Probe,
     checked_probes,
     probe_columns,

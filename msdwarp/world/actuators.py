@@ -1,5 +1,7 @@
 """Actuators: connections (muscles) whose rest length is a function of time."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

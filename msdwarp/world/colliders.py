@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import rotation
+from .described import Described
 from .motion import Motion, pose
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Collider:
+class Collider(metaclass=Described):
     """An obstacle; the base class of all shapes.
 
     Parameters

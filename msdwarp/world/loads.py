@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Facets, System, counted, facets_of, particles_meant
+from .described import Described
 from .time_functions import sampled
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Load:
+class Load(metaclass=Described):
     """The base class of all loads.
 
     Parameters

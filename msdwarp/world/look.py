@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..runtime import renamed
 
 OF_BODIES = ("color", "inside", "texture", "smooth", "gloss", "finish", "particles", "tube")
 """Fields that a body can set for itself; the others belong to the whole picture."""
@@ -56,7 +55,6 @@ class Viewpoint:
     distance: float | None = None
 
 
-@renamed(colour="color")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Look:
     """How a scene, or a body in it, is drawn.

@@ -21,21 +21,30 @@ CONTACT_FORCE, BODY_CONTACT_FORCE = "contact force", "touch force"
 UNITS = {POSITION: "m", VELOCITY: "m/s", **dict.fromkeys((FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE), "N")}
 UNITS |= {STRAIN: "", STRESS: "Pa"}
 QUANTITIES = tuple(UNITS)
+"""What probes measure on particles."""
+WRENCH = "force and torque"
+"""What they measure on an obstacle."""
+UNITS[WRENCH] = "N and N m"
 FRAME, SUBSTEP = "frame", "substep"
 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A sensor on a group of particles, read at the end of each frame or substep.
+    """A sensor on a group of particles, or on an obstacle, read at the end of each frame or substep.
 
     `times, values = simulation.readings[name]` are its readings so far, values of shape [readings, components].
 
     Parameters
     ----------
     on
-        The group: a name (see `System.named`), indices, or a mask.
+        The group: a name (see `System.named`), indices, or a mask. Or one of the scene's colliders: then the probe
+        measures the force [N] of bodies on it, and their torque [N m] about the obstacle's centre (the point about
+        which `motion` turns it), as components of one vector, averaged like the contact force below. In two
+        dimensions the torque is one number, in one dimension there is none. The force of a particle in a corner is
+        divided between the obstacles there along their normals. Torques are those of the particles' places at the
+        end of the frame.
     what
-        The measured quantity:
+        The measured quantity; nothing for an obstacle. Of a group:
 
         - "position" [m] and "velocity" [m/s]: means over the group, weighted by mass. Pinned and driven particles
           are ignored, unless the group has no others; then all have equal weight.
@@ -63,16 +72,19 @@ class Probe:
     """
 
     on: Any
-    what: str
+    what: str = WRENCH
     every: str = FRAME
 
     def __post_init__(self) -> None:
-        checks.one_of("what", self.what, QUANTITIES)
+        if isinstance(self.on, Collider) and self.what != WRENCH:
+            raise ValueError(f"what is {self.what!r}; it must be left out for an obstacle: both are measured")
+        checks.one_of("what", self.what, (WRENCH,) if isinstance(self.on, Collider) else QUANTITIES)
         checks.one_of("every", self.every, (FRAME, SUBSTEP))
 
     def __repr__(self) -> str:
-        on = repr(self.on) if isinstance(self.on, str) else "particles"
-        return f"Probe({on}, {self.what!r}{', every=' + repr(SUBSTEP) if self.every == SUBSTEP else ''})"
+        on = repr(self.on) if isinstance(self.on, str | Collider) else "particles"
+        what = "" if self.what == WRENCH else f", {self.what!r}"
+        return f"Probe({on}{what}{', every=' + repr(SUBSTEP) if self.every == SUBSTEP else ''})"
 
     def particles(self, system: System) -> NDArray[np.bool_]:
         """Return a mask of the group's particles, shape [particle_count]; raise ValueError if it is empty."""
@@ -92,6 +104,9 @@ class Probe:
         """Return the column names of the probe's readings, such as "contact_force_x_N"."""
         if self.what == STRAIN:
             return ["strain_mean", "strain_largest"]
+        if self.what == WRENCH:
+            torque = {1: [], 2: ["torque_N_m"], 3: [f"torque_{axis}_N_m" for axis in "xyz"]}[dim]
+            return [f"force_{axis}_N" for axis in "xyz"[:dim]] + torque
         if self.what == STRESS:
             components = ("xx", "yy", "zz", "xy", "xz", "yz") if dim == 3 else ("xx", "yy", "xy")
             return [f"stress_{name}" for name in (*components, "von_mises")]
@@ -100,6 +115,10 @@ class Probe:
 
     def check(self, system: System, colliders: Sequence[Collider], touches: bool) -> None:
         """Raise ValueError if the probe cannot measure this system."""
+        if self.what == WRENCH:
+            if not any(one is self.on for one in colliders):
+                raise ValueError(f"on is {self.on!r}; it must be one of the scene's colliders, the same object")
+            return
         self.particles(system)
         if self.what == STRAIN and not len(self.connections(system)):
             raise ValueError(f"on is {checks.repr_short(self.on)}; for the strain it must contain a connection")

@@ -156,6 +156,7 @@ def at(
     *,
     group: str | ArrayLike | None = None,
     set_rest_shape: bool = False,
+    pin: str | ArrayLike | None = None,
     unpin: str | ArrayLike | None = None,
     gravity: Gravity | None = None,
     **parameters: Any,
@@ -171,6 +172,9 @@ def at(
         connections between these particles. By default all.
     set_rest_shape
         Set rest lengths to the current lengths: the body keeps its current shape.
+    pin
+        Particles to pin where they then are: a group's name, indices or a mask. It is short for a mass of inf of
+        that group, so that no group, and no parameters, can be given beside it.
     unpin
         Driven particles (see `PrescribedMotion`) to release: a group's name, indices or a mask. They move freely
         from their current velocity, with their own masses.
@@ -182,4 +186,8 @@ def at(
         particle of the group, shape [n, d], or a function; velocities of pinned and driven particles stay.
         Functions are also tried when a simulation is made, except those of velocities.
     """
+    if pin is not None:
+        if group is not None or parameters or set_rest_shape:
+            raise ValueError("pin is given beside other changes of a group; it must have a change of its own")
+        group, parameters = pin, {"mass": np.inf}
     return Change(time, group, set_rest_shape, parameters, unpin, gravity)

@@ -203,17 +203,3 @@ def test_bad_values_are_named(scene, coloring, values, message):
 def test_bad_arguments_are_named(scene, arguments, message):
     with pytest.raises(ValueError, match=message):
         msd.Renderer(scene, scene.system.position, **arguments)
-
-
-@pytest.mark.parametrize(
-    ("old", "says"),
-    [
-        (lambda: msd.Look(colour="#d9603b"), r"Look\(colour=...\) is color since 0.3"),
-        (lambda: msd.Renderer(None, None, colouring=""), r"Renderer\(colouring=...\) is coloring since 0.3"),
-        (lambda: msd.ColourScale, "ColourScale.*it is ColorScale since 0.3"),
-    ],
-    ids=["look", "renderer", "scale"],
-)
-def test_names_of_before_say_what_they_are_now(old, says):
-    with pytest.raises((TypeError, AttributeError), match=says):
-        old()

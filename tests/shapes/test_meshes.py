@@ -296,7 +296,7 @@ def disagreeing() -> tuple[np.ndarray, np.ndarray]:
         (lambda: msd.from_mesh(cube(), 0.1, across=3), r"spacing is 0\.1 and across is 3; one of them must"),
         (lambda: msd.from_mesh(cube(), across=0), "across is 0"),
         (lambda: msd.from_mesh(cube(), 1.5), r"spacing is 1\.5; it must be at most 1, the longest extent"),
-        (lambda: msd.from_mesh("bunny", 0.1), "mesh is a str; it must be a PyVista surface or"),
+        (lambda: msd.from_mesh("bunny", 0.1), "mesh is 'bunny'; it must be a PyVista surface or"),
         (lambda: msd.from_mesh(pv.ImageData(dimensions=(3, 3, 3)), 0.1), "mesh is a ImageData; it must be a surf"),
         (lambda: msd.from_mesh(pv.PolyData(), 0.1), "mesh has no triangles"),
         (lambda: msd.from_mesh((np.eye(3), []), 0.1), "mesh has no triangles"),

@@ -62,7 +62,7 @@ def test_two_triangles_fold_along_their_edge():
         (([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]), {}, "the area of a triangle"),
         (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), {"mass": 0.0}, "mass is 0"),
         (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), {"bending": -1.0}, "bending is -1"),
-        ("ball.obj", {}, "mesh is a str; it must be"),
+        ("ball.obj", {}, "mesh is 'ball.obj'; it must be"),
     ],
 )
 def test_bad_meshes_are_refused(mesh, options, message):

@@ -1,6 +1,7 @@
 """What is doubtful about a start is said when a simulation is made, once, and what is not is not."""
 
 import math
+import re
 import warnings
 
 import numpy as np
@@ -196,3 +197,24 @@ def test_what_is_led_out_without_gravity_is_no_divergence(substeps):
         simulation = msd.Simulation(body, colliders=[msd.Plane()], gravity=0.0, substeps=substeps, device="cpu")
     simulation.step(60)
     assert simulation.frame().position[:, 2].min() > 0
+
+
+# Units
+
+
+def test_a_body_in_millimetres_is_told():
+    for spacing in (1000.0, 1e-7):
+        with pytest.warns(msd.UnitWarning, match=re.escape(f"0 is {2 * spacing:.3g} m long")) as told:
+            simulate(msd.chain(3, spacing))
+        assert told[0].filename == __file__
+    near = msd.chain(3, 400.0)
+    simulate(near + near.translate((5000.0, 0.0, 0.0)), precision="float64")  # both are shorter than 1 km
+    simulate(msd.System(position=[[0.0], [1e4]]), precision="float64")  # which is no body
+
+
+def test_a_density_in_other_units_is_told():
+    for density in (1.2, 1e6):
+        with pytest.warns(msd.UnitWarning, match=re.escape(f"density is {density:g} kg/m³; solids")) as told:
+            msd.Material(density=density, youngs_modulus=1e5)
+        assert told[0].filename == __file__
+    msd.Material(density=10.0, youngs_modulus=1e5)

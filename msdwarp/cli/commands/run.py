@@ -35,8 +35,8 @@ MOST_CHANGES_SHOWN = 6
 """If the number of substeps changes more often than this, the changes are summarised."""
 
 
-def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
-    """Simulate a scene, store and draw its frames, and print a summary; return the simulation at its end.
+def run_scene(origin: Origin, scene: Scene, options: Options) -> "Run":
+    """Simulate a scene, store and draw its frames, and print a summary; return the run, at its end.
 
     Raise ValueError or OSError for an option that is out of range, before anything is written. If
     SimulationDiverged or Interrupted ends the run early, earlier frames are kept.
@@ -72,8 +72,9 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> Simulation:
             folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
             if folder != tentative:  # another run has taken the tentative folder meanwhile
                 log = _log(options, folder, origin.name)
-        Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last)
-    return simulation
+        run = Run(scene, options, simulation, folder, origin.name, made_by, log, talk)
+        run.to(last)
+    return run
 
 
 def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:

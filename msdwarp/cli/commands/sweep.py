@@ -59,7 +59,8 @@ class CommandTask(NamedTuple):
             origin, options = self.chosen()
             start_warp(options.verbose)
             scene = origin.scene()
-            return studies.final_numbers(run_scene(origin, scene, options.run_options(folder, keeps_files)), scene)
+            run = run_scene(origin, scene, options.run_options(folder, keeps_files))
+            return studies.final_numbers(run.simulation, scene)
         except Interrupted as error:
             if parent_process() is not None:  # a terminated worker, which the sweep handles
                 os._exit(error.code)

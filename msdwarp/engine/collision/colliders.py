@@ -45,14 +45,15 @@ class Colliders(FrameTables):
         self._numbers = [k for k, collider in enumerate(colliders) if collider.stiffness is None]
         """Indices of the rigid obstacles among the scene's obstacles."""
         colliders = [colliders[k] for k in self._numbers]
-        self._colliders, self._dim, self._device = tuple(colliders), model.dim, model.device
+        self.solids, self._dim, self._device = tuple(colliders), model.dim, model.device
+        """The rigid obstacles."""
         self._scalar, self._vector = model.scalar, model.vector
         self._turn = wp.types.matrix((model.dim, model.dim), model.scalar)
         self._inverse_mass, self._furthest = model.inverse_mass, _furthest(model)
         self.moves = self.numbers_substeps = any(collider.motion is not None for collider in colliders)
         self.planes_only = all(isinstance(one, Plane) for one in colliders)
         """Whether all obstacles are planes, which need no swept test."""
-        kinds = tuple(sorted({type(collider).__name__ for collider in colliders}, key=KINDS.index))
+        kinds = self.kinds = tuple(sorted({type(one).__name__ for one in colliders}, key=KINDS.index))
         self.spared = np.zeros(model.particle_count, dtype=bool) if spared is None else spared
         """Which particles obstacles ignore."""
         free, spares = np.isfinite(model.mass) & ~self.spared, bool(self.spared.any())
@@ -81,7 +82,7 @@ class Colliders(FrameTables):
             data.impulse = wp.zeros(model.worlds * model.particle_count, dtype=wide, device=self._device)
         for k, collider in zip(self._numbers, colliders, strict=True):
             _check_range(f"colliders[{k}]", collider, model)
-        describe(data.solids, self._colliders, model.dim, model.scalar, self._device)
+        describe(data.solids, self.solids, model.dim, model.scalar, self._device)
         if kinds != ("Plane",):
             data.inradius = min(collider.inradius() for collider in colliders)
         for name in COEFFICIENTS:
@@ -119,7 +120,7 @@ class Colliders(FrameTables):
             self.data.surface.overlap_release_speed = self._deepest * dt / self._release_time
         if not self.moves:
             return
-        shape = (substeps + 1, len(self._colliders))
+        shape = (substeps + 1, len(self.solids))
         kinds = {"turn": self._turn, "shift": self._vector, "turning": self._turn, "speed": self._vector}
         layout = {name: (shape, kind) for name, kind in kinds.items()}
         tables = self.make_tables(layout, self._scalar, self._device)

@@ -20,12 +20,14 @@ class ContactForces:
     ) -> None:
         self._model, self._seconds = model, seconds
         mass = uniform_like(np.where(np.isfinite(model.mass), model.mass, 0.0), model.mass)
-        self._mass = scalar_array(mass, wp.float64, model.device)
+        self.mass = scalar_array(mass, wp.float64, model.device)
+        """Masses [kg], 0 where obstacles cannot move a particle."""
         nothing, self._summed = self._zeros(), list[wp.array]()
-        self._by_obstacles = self.by_bodies = nothing
+        self.by_obstacles = self.by_bodies = nothing
+        """The impulses of obstacles per mass [m/s]; and, where `by_bodies` is set, those of other bodies [N s]."""
         if colliders is not None and colliders.contact_forces:
-            self._by_obstacles = colliders.data.impulse
-            self._summed.append(self._by_obstacles)
+            self.by_obstacles = colliders.data.impulse
+            self._summed.append(self.by_obstacles)
         if body_contact is not None and body_contact.impulse is not None:
             self.by_bodies = body_contact.impulse
             """The impulses of other bodies [N s], float64, shape [particle_count]."""
@@ -44,7 +46,7 @@ class ContactForces:
     def by_all(self) -> wp.array:
         """Launch the sum of the impulses of obstacles and bodies, in a graph or not; return the sum [N s]."""
         model = self._model
-        inputs = [self._mass, self._by_obstacles, self.by_bodies]
+        inputs = [self.mass, self.by_obstacles, self.by_bodies]
         wp.launch(sum_impulses(model.dim), model.particle_count, inputs, [self._sum], device=model.device)
         return self._sum
 

@@ -19,6 +19,7 @@ from ...kernels.reductions.probes import (
     sum_cell_stress,
     sum_members,
     sum_of_group,
+    wrench_on_obstacle,
 )
 from ...world import (
     BODY_CONTACT_FORCE,
@@ -28,10 +29,13 @@ from ...world import (
     STRAIN,
     STRESS,
     VELOCITY,
+    WRENCH,
     Probe,
     probes_by,
 )
+from ..collision.colliders import Colliders
 from ..collision.contact_forces import ContactForces
+from ..collision.penetration_depth import touching
 from ..model.model import CONSTANTS, Model
 from ..model.state import State
 from ..stepping.dynamics import Dynamics
@@ -63,10 +67,15 @@ class Sensors:
     ) -> None:
         self._dynamics, self._state, model = dynamics, state, dynamics.model
         self._model, self._seconds = model, seconds / readings
-        self._sums, first = list[_Sum | _StressSum](), 0
+        self._sums, first = list[_Sum | _StressSum | _WrenchSum](), 0
         for name, probe in requested.items():
             if probe.what == STRESS:
                 self._sums.append(_StressSum(model, name, probe, first))
+            elif probe.what == WRENCH:
+                assert contact_forces is not None
+                self._sums.append(
+                    _WrenchSum(model, name, probe, first, dynamics.assembly.colliders, contact_forces)
+                )
             else:
                 self._sums.append(_Sum(model, name, probe, first, dynamics.assembly.fracture is not None))
             first += self._sums[-1].width
@@ -74,7 +83,8 @@ class Sensors:
         self.moves = VELOCITY in asked or FORCE in asked
         """Whether probes need velocities at the time of the positions."""
         self._force = model.vectors() if FORCE in asked else None
-        self._contact_forces = contact_forces if CONTACT_FORCE in asked or BODY_CONTACT_FORCE in asked else None
+        of_contact = asked & {CONTACT_FORCE, BODY_CONTACT_FORCE, WRENCH}
+        self._contact_forces = contact_forces if of_contact else None
         on_gpu = model.device.is_cuda
         shape = (readings, model.worlds, ROWS if on_gpu and not model.in_worlds else 1, first)
         self._rows = wp.zeros(shape, dtype=wp.float64, device=model.device)
@@ -97,9 +107,13 @@ class Sensors:
         if self._contact_forces is not None:
             state[CONTACT_FORCE] = {"value": self._contact_forces.by_all()}
             state[BODY_CONTACT_FORCE] = {"value": self._contact_forces.by_bodies}
+            state[WRENCH] = {"value": self._contact_forces.by_obstacles}
         for one in self._sums:
+            given = state[one.what]
+            if isinstance(one, _WrenchSum):
+                given = one.state(now.x, k if len(self._rows) > 1 else -1) | given
             for part in one.parts:
-                part.launch(rows, **state[one.what])
+                part.launch(rows, **given)
         if k == len(self._rows) - 1 and self._found is not self._rows:
             wp.copy(self._found, self._rows)
 
@@ -216,6 +230,38 @@ class _StressSum:
             tensor[..., a, b] = tensor[..., b, a] = mean[..., k]
         result = np.concatenate([mean, von_mises(tensor)[..., None]], axis=-1)
         return result if self._model.in_worlds else result[:, 0]
+
+
+class _WrenchSum:
+    """The sums of a probe on an obstacle: impulses on it, and their moments about its centre."""
+
+    def __init__(
+        self, model: Model, name: str, probe: Probe, first: int, colliders: Colliders, forces: ContactForces
+    ) -> None:
+        self.name, self.what, self._first, self._colliders = name, probe.what, first, colliders
+        of = wrench_on_obstacle(model.dim, model.scalar, colliders.kinds, colliders.moves)
+        fields = {
+            "mass": forces.mass,
+            "solids": colliders.data.solids,
+            "obstacle_count": len(colliders.solids),
+            "obstacle": next(p for p, one in enumerate(colliders.solids) if one is probe.on),
+            "centre": model.vector(*probe.on.centre(model.dim)),
+            "slack": touching(model.system),
+        }
+        self.width, self.parts = of.columns, [_Part(model, of, model.particle_count, first, **fields)]
+
+    def state(self, x: wp.array, substep: int) -> dict[str, Any]:
+        """Return the fields of the data that differ between readings: at the end of a substep, or −1: the last."""
+        poses = self._colliders.data
+        if not self._colliders.moves:
+            return {"x": x}
+        row = substep + 1 if substep >= 0 else poses.turn.shape[0] - 1
+        return {"x": x, "turn": poses.turn, "shift": poses.shift, "row": row}
+
+    def reading(self, rows: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
+        """Return force [N] and torque [N m] by reading, `seconds` apart; `rows`: [readings, 1, rows, columns]."""
+        total = rows[..., self._first : self._first + self.width].sum(axis=2)[:, 0]
+        return np.diff(total, axis=0, prepend=0.0) / seconds
 
 
 class GroupMeans:

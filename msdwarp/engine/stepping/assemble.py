@@ -16,6 +16,7 @@ from ...runtime import in_turn
 from ...world import (
     BODY_CONTACT_FORCE,
     CONTACT_FORCE,
+    WRENCH,
     Collider,
     Load,
     Problem,
@@ -64,7 +65,7 @@ class Asked(NamedTuple):
 def _colliders(model: Model, problem: Problem, asked: Asked) -> Colliders | None:
     if not problem.rigid_colliders:
         return None
-    summed = asked.contact_forces or problem.measures(CONTACT_FORCE)
+    summed = asked.contact_forces or problem.measures(CONTACT_FORCE, WRENCH)
     spared = behind_surfaces(model.system) if any(one.surface_colliders for one in problem.contact_rules) else None
     return Colliders(model, problem.colliders, asked.collider_rule, summed, spared)
 
@@ -72,7 +73,7 @@ def _colliders(model: Model, problem: Problem, asked: Asked) -> Colliders | None
 def _soft_colliders(model: Model, problem: Problem, asked: Asked) -> SoftColliders | None:
     if len(problem.rigid_colliders) == len(problem.colliders):
         return None
-    if asked.contact_forces or problem.measures(CONTACT_FORCE):
+    if asked.contact_forces or problem.measures(CONTACT_FORCE, WRENCH):
         raise ValueError("contact forces are asked for, and colliders has soft ones, which do not have them yet")
     return SoftColliders(model, problem.colliders)
 
@@ -127,7 +128,8 @@ class Assembly:
 
     def __init__(self, model: Model, problem: Problem, asked: Asked) -> None:
         self.model, self.probes, self._start = model, problem.probes, model.system.position
-        self.sums_contact_forces = asked.contact_forces or problem.measures(CONTACT_FORCE, BODY_CONTACT_FORCE)
+        measured = CONTACT_FORCE, BODY_CONTACT_FORCE, WRENCH
+        self.sums_contact_forces = asked.contact_forces or problem.measures(*measured)
         self.all: list[Effect] = []
         note_rates(model)
         note_inverted_cells(model)

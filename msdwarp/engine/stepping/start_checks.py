@@ -1,6 +1,5 @@
 """Checks of the start: depth in obstacles, and distances that float32 cannot resolve."""
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,6 +19,8 @@ from .assemble import Assembly
 
 COARSE = 1e-3
 """Spacing of float32 numbers over the shortest rest length up to which the rounding of strains is negligible."""
+SHORTEST, LONGEST = 1e-6, 1e3
+"""Sizes of bodies that are taken as meant [m]."""
 TORN = 2.0
 """A body would be torn if depenetration stretched a spring by more than this factor."""
 
@@ -41,7 +42,7 @@ def starting_state(system: System, assembly: Assembly, method_state: int, time: 
 def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | None:
     """Warn about a doubtful start; return a message about overlap with an obstacle or between bodies, or None.
 
-    The warning names the line two calls up. Raises ValueError if depenetration would tear a body.
+    Raises ValueError if depenetration would tear a body.
     """
     model, obstacles, drives = assembly.model, assembly.colliders, assembly.drives
     inside = None
@@ -54,7 +55,9 @@ def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | No
     contacts = filter(None, (assembly.body_contact, assembly.surface_contact))
     overlapping = [effect.overlapping() for effect in contacts]
     for message in filter(None, (inside, start_far(model), displaced, *overlapping)):
-        warnings.warn(message, checks.StartWarning, stacklevel=4)
+        checks.warn(message, checks.StartWarning)
+    if (message := other_units(model.system)) is not None:
+        checks.warn(message, checks.UnitWarning)
     return next(filter(None, (inside, *overlapping)), None)
 
 
@@ -146,6 +149,26 @@ def caught(system: System, colliders: Sequence[Collider]) -> str | None:
                 "motion"
             )
     return None
+
+
+def other_units(system: System) -> str | None:
+    """Return a message about a body so large or small that it is probably not in metres; None if there is none."""
+    lengths = stored(system.rest_length)
+    if not len(lengths):
+        return None
+    if np.ptp(system.position, axis=0).max() <= LONGEST and lengths.min() >= SHORTEST:
+        return None  # without looking for bodies
+    piece = pieces(system.particle_count, system.connections)
+    low, high = np.full_like(system.position, np.inf), np.full_like(system.position, -np.inf)
+    np.minimum.at(low, piece, system.position)
+    np.maximum.at(high, piece, system.position)
+    bodies = np.unique(piece[system.connections[:, 0]])
+    size = (high - low)[bodies].max(axis=1)
+    odd = np.flatnonzero((size < SHORTEST) | (size > LONGEST))
+    if not len(odd):
+        return None
+    how = "; scale(0.001, about=(0, 0, 0)) converts a system from millimetres" if size[odd[0]] > LONGEST else ""
+    return f"the body of particle {bodies[odd[0]]} is {size[odd[0]]:.3g} m long, and lengths are in metres{how}"
 
 
 def start_far(model: Model) -> str | None:
