@@ -8,7 +8,7 @@ from msdwarp.textures import scoop, waffle
 
 WALL = ((0.0, 0.0), (0.24, 0.0), (0.34, 0.2), (0.46, 0.42), (0.39, 0.45), (0.27, 0.25), (0.18, 0.1), (0.0, 0.1))
 """Radius and height [m] along the wall of the bowl, from the middle of its base outside to that inside."""
-FLAVOURS = (("#f6b3bd", "#9c2f45"), ("#fbf0d2", "#8a5a2b"), ("#7a4a2e", "#3f2415"), ("#b9d39a", "#5d7d3c"))
+FLAVOURS = (("#ffc3cb", "#9c2f45"), ("#fbf0d2", "#8a5a2b"), ("#7a4a2e", "#3f2415"), ("#c6e2a6", "#5d7d3c"))
 
 
 def turned(profile: tuple[tuple[float, float], ...], around: int) -> tuple[np.ndarray, np.ndarray]:

@@ -40,7 +40,7 @@ def build(
     weak = beyond[:, 0] != beyond[:, 1]
     cookie = cookie.replace(break_strain=np.where(weak, 1, 6) * break_strain).translate((0, 0, height))
     rod = Capsule((0, -0.3, 0.2), (0, 0.3, 0.2), 0.03, restitution=0.0, friction=0.6)
-    look = Look(color="#c58a4a", inside="#f0d9a8", gloss=0.05, obstacle="#8d99a6", azimuth=-60, elevation=26)
+    look = Look(color="#d2954f", inside="#f0d9a8", gloss=0.05, obstacle="#8d99a6", azimuth=-60, elevation=26)
     return Scene(system=cookie, colliders=[Plane(restitution=0.1, friction=0.6), rod], duration=2.0, look=look)
 
 

@@ -46,7 +46,7 @@ def build(*, stiffness: float = 400.0, damping: float = 1.0, mass: float = 0.01,
     muscles = [Actuator(wave, along="z", delay=delay), thicken]
     worm = worm.rotate(np.pi / 2, axis=(0, 1, 0)).translate((0, 0, RADIUS))
     floor = Plane(restitution=0.0, friction=0.8)
-    look = Look(texture=rings("#6f9a3c", "#d9e2a6", 36, size=1024), gloss=0.4, azimuth=-42, elevation=15)
+    look = Look(texture=rings("#7aa843", "#e6efb2", 36, size=1024), gloss=0.4, azimuth=-42, elevation=15)
     return Scene(system=worm, colliders=[floor], loads=muscles, duration=6.0, look=look)
 
 

@@ -18,7 +18,7 @@ def build(*, size: int = 10, stiffness: float = 600.0, damping: float = 5.0, mas
     cube = cube.rotate(0.6, axis=(1, 0.4, 0)).translate((-1.2, 0, 1.6))
     cube = cube.with_velocity((1.1, 0.2, 1.0)).spin((0.8, 2.2, 0.6))
     floor = Plane(restitution=0.4, friction=0.3)
-    look = Look(texture=tiles("#e4633f", "#f2b591"), gloss=0.35, azimuth=-72)
+    look = Look(texture=tiles("#ee6c46", "#f2b591"), gloss=0.35, azimuth=-72)
     return Scene(system=cube, colliders=[floor], duration=3.5, look=look)
 
 

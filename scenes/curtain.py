@@ -29,7 +29,7 @@ def build(
     ball = shell(icosphere(0.26, 3), mass=mass, stiffness=stiffness, damping=damping)
     ball = ball.translate((0, 0, 0.3)).pin(slice(None)).named("ball")
     floor = Plane(restitution=0.0, friction=0.5)
-    look = Look(texture=gingham("#a23b52", "#f6ead7"), finish="cloth", azimuth=-60, elevation=22)
+    look = Look(texture=gingham("#b0425a", "#fdf2e0"), finish="cloth", azimuth=-60, elevation=22)
     looks = {"ball": Look(color="#e0b04c", gloss=0.5, finish="metal")}
     contact = Contact(friction=0.3, restitution=0.1, self_contact=True, thickness=0.016)
     return Scene(system=cloth + ball, colliders=[floor], contact=contact, duration=3.0, look=look, looks=looks)

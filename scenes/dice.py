@@ -32,7 +32,7 @@ def build(
     back = Box((0.9, 0, 0.2), (0.1, 2 * edge, 1.0), restitution=0.3)
     side = Box((-0.3, edge, 0.2), (2.5, 0.1, 1.0), restitution=0.3)
     look = Look(
-        texture=pips("#b3202c", "#fbf6ea"), gloss=0.6, smooth=False, obstacle="#3f6650", azimuth=-118, elevation=26
+        texture=pips("#b3202c", "#fbf6ea"), gloss=0.6, smooth=False, obstacle="#48765c", azimuth=-118, elevation=26
     )
     colliders = [Plane(restitution=0.3), back, side]
     contact = Contact(friction=0.3, restitution=0.5)

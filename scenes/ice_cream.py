@@ -23,7 +23,7 @@ def build(*, size: int = 14, stiffness: float = 32.0, damping: float = 0.3, yiel
     cone = Cone((0, 0, -0.9), (0, 0, 0), 0.33, restitution=0.0, friction=1.0)
     table = Plane(offset=-0.55)  # the cone's tip stands in a hole of it
     look = Look(
-        texture=scoop("#f6b3bd", "#9c2f45"),
+        texture=scoop("#ffc3cb", "#9c2f45"),
         gloss=0.15,
         obstacle_texture=waffle("#e0a858", "#9a6428", counts=(10, 6), diagonal=True),
         elevation=20,

@@ -45,7 +45,7 @@ def build(*, across: int = 16, stiffness: float = 60.0, damping: float = 0.06, m
     # The lattice, which stands on the tray, reaches below the mould: with 16 cells across by 3 mm, with 18 by 29.
     body = body.translate((0, 0, 0.12 - body.position[:, 2].min()))
     tray = Box((0, 0, 0.06), (1.9, 1.9, 0.12), restitution=0.0, friction=5.0, motion=shake)
-    look = Look(texture=jelly("#b3123f", "#ff6a7a"), gloss=0.9, finish="glass", obstacle="#e9e4da", elevation=20)
+    look = Look(texture=jelly("#b3123f", "#ff6a7a"), gloss=0.9, finish="glass", obstacle="#f6f1e7", elevation=20)
     warm = at(4.0, stiffness=lambda k: 0.16 * k, damping=lambda b: 2 * b)
     return Scene(system=body, colliders=[Plane(), tray], duration=6.0, look=look, schedule=[warm])
 

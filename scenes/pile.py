@@ -7,7 +7,7 @@ from msdwarp.cli import scene_main
 
 PAINT = ("#e2572b", "#f2a93b", "#f6d55c", "#6bab5b", "#2f8f9d", "#3a5fa0", "#8a5a9e", "#d96a8b")
 """Colors of the bodies, in turn."""
-LOOK = Look(obstacle="#c9a67a", azimuth=-58, elevation=38)
+LOOK = Look(obstacle="#d6b284", azimuth=-58, elevation=38)
 
 
 def ring(radius: float, tube: float, around: int = 10, across: int = 4) -> tuple[np.ndarray, np.ndarray]:

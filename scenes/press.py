@@ -40,7 +40,7 @@ def build(*, across: int = 10, rubber: float = 0.47, foam: float = 0.3, youngs_m
             Box((0, 0, BASE + 2 * RADIUS + GAP + PLATE[2] / 2), PLATE, motion=press, friction=1.0),
         ],
         duration=4.0,
-        look=Look(obstacle="#b9c3cc", elevation=5, azimuth=-90),
+        look=Look(obstacle="#c8d2db", elevation=5, azimuth=-90),
         looks={
             "rubber": Look(texture=rings("#c8403a", "#f4efe6", 9), gloss=0.2, finish="rubber"),
             "foam": Look(texture=rings("#d9b44a", "#f7eccb", 9), gloss=0.05),

@@ -21,7 +21,7 @@ def build(*, size: int = 7, stiffness: float = 24.0, damping: float = 2.0, mass:
     wall = Box((0.6, 0, 0.7), (0.2, 1.8, 2.4), (0, 0.6, 0), restitution=0.0, friction=0.4)
     floor = Plane(restitution=0.0, friction=0.9)
     look = Look(
-        texture=tiles("#5aa469", "#d9efc2", count=3), gloss=0.3, obstacle="#e8dcc8", azimuth=-115, elevation=14
+        texture=tiles("#5aa469", "#d9efc2", count=3), gloss=0.3, obstacle="#f5e9d5", azimuth=-115, elevation=14
     )
     return Scene(system=cube, colliders=[floor, wall], duration=3.0, look=look)
 

@@ -48,7 +48,7 @@ def build(*, across: int = 18, speed: float = 2.4, kerb: float = 0.08) -> Scene:
     tyre = tyre.with_velocity((speed, 0.0, 0.0)).spin((0.0, speed / outer, 0.0))
     pavement = Box((1.1, 0, kerb / 2), (2.2, 1.0, kerb), restitution=0.0, friction=0.9)
     look = Look(
-        texture=tyre_wall("#26262a", "#ece8de", "#f2b230"), finish="rubber", obstacle="#c9c3b8", azimuth=-68
+        texture=tyre_wall("#26262a", "#ece8de", "#f2b230"), finish="rubber", obstacle="#d6d0c5", azimuth=-68
     )
     road = Plane(restitution=0.0, friction=0.9)
     contact = Contact(surface_colliders=True)

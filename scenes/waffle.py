@@ -20,7 +20,7 @@ def build(
     plate = plate.rotate(0.15, axis=(0.3, 1, 0)).translate((0.02, 0, 0.9))
     pin = Capsule((0, -0.7, 0.22), (0, 0.7, 0.22), 0.2, restitution=0.0, friction=0.8)
     look = Look(
-        texture=waffle_box("#d99a45", "#8a5320"), gloss=0.15, obstacle="#c9a67a", azimuth=-50, elevation=22
+        texture=waffle_box("#d99a45", "#8a5320"), gloss=0.15, obstacle="#d6b284", azimuth=-50, elevation=22
     )
     return Scene(system=plate, colliders=[Plane(restitution=0.1, friction=0.6), pin], duration=3.0, look=look)
 

@@ -62,6 +62,7 @@ class Surroundings:
     key: float
     head: float
     fill: float
+    tone: float  # how much brighter surfaces are than in proportion to the light
     shadows: int  # 1 if there are shadows, else 0
     shaded: float  # share of the key light on bodies in full shadow, 0 … 1
     shadow: float  # share of the ground's color in full shadow, 0 … 1
@@ -210,6 +211,8 @@ def light_on(
         if gloss > 0.0:
             mirrored = 2.0 * facing * normal - view.light
             glint += view.key * gloss * arrives * highlight(finish, mirrored, ray)
+    diffuse = wp.min(diffuse, 1.0)
+    diffuse += view.tone * diffuse * (1.0 - diffuse)
     opacity = float(1.0)
     if finish.sheen + finish.metallic > 0.0 or finish.opacity < 1.0:
         along = wp.min(-wp.dot(normal, ray), 1.0)

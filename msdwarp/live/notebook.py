@@ -215,7 +215,7 @@ def _written(
 ) -> Path:
     """Draw frames and write a film, whose format is the path's end; return its path."""
     scene, positions, times, own = played
-    seen = framed(scene, positions, range(len(positions)), resolution[0] / resolution[1])
+    scene, seen = framed(scene, positions, times, range(len(positions)), resolution[0] / resolution[1])
     renderer = Renderer(scene, seen, resolution=resolution, coloring=coloring)
 
     def images() -> Iterator[NDArray[np.uint8]]:

@@ -138,7 +138,8 @@ class Played:
         """Return the outermost particles of all frames, or of a sample of frames [m], shape [any, d]."""
         last, count = self.frame_count - 1, min(self.frame_count, MOST_SEEN)
         chosen = np.unique(np.linspace(0, last, count).round().astype(int))
-        return framed(self.scene, self._trajectory.positions, chosen.tolist(), ASPECT)
+        positions, times = self._trajectory.positions, self._trajectory.times
+        return framed(self.scene, positions, times, chosen.tolist(), ASPECT)[1]
 
     def advance(self) -> bool:
         """Show the next frame; return whether there was one."""

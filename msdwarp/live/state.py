@@ -141,7 +141,8 @@ class ViewState:
     def staged(self, size: tuple[int, int]) -> Stage:
         """Return camera, lights and ground for pictures of the source, of this width and height [pixels]."""
         room = 1.0 if self.source.scene.look.distance is not None else ROOM
-        return Stage(self.source.scene, self.source.seen(), size, zoom=room * self._zoom)
+        radius = self.shown.drawing.radius
+        return Stage(self.source.scene, self.source.seen(), size, zoom=room * self._zoom, radius=radius)
 
     @property
     def _handling(self) -> Handling:

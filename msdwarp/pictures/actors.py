@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..world import FINISHES
 from .drawing import Drawing
-from .light import FILL, HEAD, KEY, shininess
+from .light import Lights, shininess
 from .shading import DEPTH_ALONE, Shading, of_finish
 from .shadow_map import ShadowMap
 from .stage import UNSEEN, Camera, Ground
@@ -16,9 +16,9 @@ AROUND = 24
 """Corners of the polygon of ground on which shadows are drawn."""
 
 
-def add_lights(pv: Any, plotter: Any, camera: Camera) -> None:
+def add_lights(pv: Any, plotter: Any, camera: Camera, lights: Lights) -> None:
     """Add the key light, the headlight and the fill light of a camera."""
-    for strength, towards in ((KEY, camera.light), (HEAD, None), (FILL, camera.fill)):
+    for strength, towards in ((lights.key, camera.light), (lights.head, None), (lights.fill, camera.fill)):
         kind = "headlight" if towards is None else "scene light"
         light = pv.Light(position=towards, intensity=strength, light_type=kind)
         light.positional = False
@@ -40,16 +40,16 @@ class Actors:
     """The triangles of a drawing and their shadows, added to a PyVista plotter and updated in place.
 
     `painted` is the actor of the ground, if there is one. Then `on_ground` is the actor of the piece of ground
-    that shows the shadows; the caller adds it. `light` is the unit vector towards the key light.
+    that shows the shadows; the caller adds it. `camera` is that of the lights.
     """
 
     def __init__(
-        self, pv: Any, plotter: Any, drawing: Drawing, ground: Ground | None, painted: Any, light: NDArray
+        self, pv: Any, plotter: Any, drawing: Drawing, ground: Ground | None, painted: Any, camera: Camera
     ) -> None:
-        self._drawing, self._ground = drawing, ground
+        self._drawing, self._ground, self._lights = drawing, ground, camera.lights(even=drawing.by_value)
         self._pv, self._plotter = pv, plotter
-        self._map = ShadowMap(drawing, light)
-        self._shading = Shading(pv, self._map, drawing, ground)
+        self._map = ShadowMap(drawing, camera.light)
+        self._shading = Shading(pv, self._map, self._lights, ground, even=drawing.by_value)
         self._bodies: list[Any] = []
         self._actors: list[Any] = []
         self._cut = False
@@ -75,7 +75,7 @@ class Actors:
             body, actor = mesh_actor(self._pv, drawing.triangles[kind.ravel() == k], points, normals)
             prop = actor.prop
             prop.interpolation = "Phong"
-            prop.ambient, prop.diffuse = drawing.sky, drawing.diffuse
+            prop.diffuse = 1.0
             prop.specular, prop.specular_power = float(gloss), shininess(made_of[k].roughness)
             prop.color, prop.culling = "white", "back" if closed else "none"
             if texture is not None:
@@ -108,7 +108,7 @@ class Actors:
         Without such triangles clipping is off: on a CPU it takes a sixth of a picture's time.
         """
         height = points @ ground.normal.astype(np.float32) - np.float32(ground.centre @ ground.normal)
-        deep = self._drawing.below + UNSEEN * ground.reach
+        deep = self._drawing.radius + UNSEEN * ground.reach
         cut = bool(height.min() < -deep)
         for actor in self._actors if cut != self._cut else ():
             actor.mapper.RemoveAllClippingPlanes()

@@ -87,10 +87,15 @@ def pose_in_space(collider: Collider, time: float, dim: int) -> tuple[NDArray[np
     return matrix, offset
 
 
-def extent(scene: Scene) -> NDArray[np.float64]:
-    """Return points that enclose all solids at all times of the scene [m], shape [any, 3]."""
-    points = [np.empty((0, 3))]
-    for collider, mesh in meshes(scene):
+def extent(scene: Scene, *, fixed: bool = True) -> NDArray[np.float64]:
+    """Return points that enclose solids at all times of the scene [m], shape [any, 3]: first those that move.
+
+    Without `fixed` it is these alone.
+    """
+    points, solids = [np.empty((0, 3))], sorted(meshes(scene), key=lambda one: one[0].motion is None)
+    for collider, mesh in solids:
+        if collider.motion is None and not fixed:
+            break
         times = [0.0] if collider.motion is None else np.linspace(0, scene.duration, SAMPLES)
         for time in times:
             turn, shift = pose_in_space(collider, float(time), scene.system.dim)

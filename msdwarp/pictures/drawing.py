@@ -24,7 +24,7 @@ from .dressing import (
     torn,
     uncovered,
 )
-from .light import BOUNCE, CONTACT, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, SKY, towards
+from .light import KEY_FROM, towards
 from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes
 from .sheets import Sheet, kept_off, triangles_of_sheets
 from .stage import axes_of
@@ -93,8 +93,6 @@ class Drawing(ReleasedInTurn):
             checks.one_of("coloring", coloring, COLORINGS)
             if self.shows_strain:
                 self.scale = ColorScale("strain (below 0: shorter than at rest)", self._full_strain, True)
-        even = (EVEN_AMBIENT, EVEN_AMBIENT, 0.0, EVEN_SHARE)
-        self.sky, self.bounce, self.contact, self.diffuse = even if self.by_value else (SKY, BOUNCE, CONTACT, 1.0)
         self.colors_move = self.scale is not None
         self.device = device
         self.body = self._body_of(scene)
@@ -106,8 +104,8 @@ class Drawing(ReleasedInTurn):
         for part in self.obstacles:
             part.name = "obstacle"
         parts = [*self.body, *self.obstacles]
-        self.below = max(part.radius for part in parts)
-        """Depth below the ground down to which triangles are drawn [m]."""
+        self.radius = max(part.radius for part in parts)
+        """Reach of what is drawn around the particles [m]; triangles are drawn down to it below the ground."""
 
         ends = np.cumsum([0, *(len(part.uv) for part in parts)]).tolist()
         arrays: list[Any] = [wp.zeros(ends[-1], dtype=wp.vec3, device=device) for _ in range(3)]
@@ -143,7 +141,7 @@ class Drawing(ReleasedInTurn):
         """Return the parts that move with the particles, such as surfaces and springs, grouped by `Look`."""
         system, of_particle = scene.system, look_of_particles(scene)
         surface = None if self.shows_strain else system.surface
-        of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(surface, of_particle)
+        of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(scene, surface)
         obstacles = kept_off(scene)
         of_sheet = (
             triangles_of_sheets(system) if len(of_triangle) and obstacles else np.zeros(len(of_triangle), bool)
@@ -156,6 +154,7 @@ class Drawing(ReleasedInTurn):
         shown = np.flatnonzero(drawn)
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)
+        of_bare = np.zeros(0) if tears is None else look_of_triangles(scene, inside_of(tears.triangles))
         body: list[Part] = []
         for k, (name, look) in enumerate((("body", scene.look), *scene.looks.items())):
             before = len(body)
@@ -169,7 +168,7 @@ class Drawing(ReleasedInTurn):
                 flat = SurfacePart(part, finish, look.smooth, self.device, parted if parts else None)
                 corners = part.points(system.position)[part.triangles]
                 body.append(Sheet(flat, corners, system.pinned, obstacles, self.device) if bends else flat)
-            if tears is not None and (bare := of_particle[tears.triangles].max(axis=1) == k).any():
+            if tears is not None and (bare := of_bare == k).any():
                 crumb = Finish(np.array(checks.color("inside", look.inside or look.color)))
                 times = tears.until[bare], tears.since[bare]
                 body.append(SurfacePart(inside_of(tears.triangles[bare]), crumb, False, self.device, *times))

@@ -1,6 +1,7 @@
 """Dressing: the look of each part of a body, and the springs that are drawn although there is a surface.
 
 Looks are numbered: 0 is the scene's, followed by those of groups in order. If several apply, the last one counts.
+A triangle is in a group if all its corners are, as for loads.
 """
 
 import numpy as np
@@ -18,10 +19,18 @@ def look_of_particles(scene: Scene) -> NDArray[np.int32]:
     return look
 
 
-def look_of_triangles(surface: Surface, look_of: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the number of each triangle's look, shape [triangle_count], from the looks of particles."""
+def look_of_triangles(scene: Scene, surface: Surface) -> NDArray[np.int32]:
+    """Return the number of each triangle's look, shape [triangle_count]."""
+    look, count = np.zeros(len(surface.triangles), dtype=np.int32), scene.system.particle_count
+    for k, name in enumerate(scene.looks, start=1):
+        look[triangles_in(surface, mask_of(scene.system.groups[name], count))] = k
+    return look
+
+
+def triangles_in(surface: Surface, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which triangles have all corners among chosen particles, shape [particle_count]."""
     particle, weights = surface.mixture
-    return np.where(weights != 0, look_of[particle], 0).max(axis=1)[surface.triangles].max(axis=1)
+    return (chosen[particle] | (weights == 0)).all(axis=1)[surface.triangles].all(axis=1)
 
 
 def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:

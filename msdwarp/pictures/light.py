@@ -2,8 +2,12 @@
 
 A surface of color c, unit normal n and gloss g, seen from the direction v, has the brightness
 
-    c d + w, where w = g (KEY s max(p·v, 0)^e + HEAD max(q·v, 0)^e) and
-    d = SKY (1 + n·z)/2 + BOUNCE b (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0) + FILL max(n·f, 0).
+    c d + w, where w = g (KEY s max(p·v, 0)^e + HEAD max(q·v, 0)^e), d = a + TONE a (1 - a),
+    and a is the lesser of 1 and
+    SKY (1 + n·z)/2 + BOUNCE b (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0) + FILL max(n·f, 0).
+
+Strengths are divided by the largest sum of any normal, so that at full light a surface has its color as given: a
+is 1, and so is d. The sum is above 1 only where a camera has left the place for which strengths were made.
 
 The unit vector z points up, l to the key light, h back along the camera's view, f to the fill light, p and q are l
 and h, mirrored at n, and e is the `shininess` of its roughness. The share s of the key light is visible from the
@@ -19,6 +23,9 @@ their surroundings (`kernels/pictures/shading.py`) have, with i = 1 - n·v,
 - for glass  o c d + f r + w, and (1 - o) (1 - f) (1 - w) of what is behind, where f is the share that it mirrors.
 """
 
+from itertools import product
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +37,8 @@ key light casts shadows."""
 SKY, BOUNCE = 0.58, 0.44
 """Light from all of the sky, and from a bright floor: without it faces that look down are dark. A face sees the
 shares (1 + n·z)/2 of the sky and (1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""
+TONE = 0.7
+"""By how much surfaces are brighter between darkness and full light than in proportion to the light."""
 CONTACT = 0.03
 """Height above the ground where half of the floor's light arrives, over the extent of all that the camera sees."""
 EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
@@ -47,6 +56,32 @@ CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 none or all of the light."""
 GOLDEN = np.pi * (3 - np.sqrt(5))
 """The golden angle [rad]."""
+
+
+class Lights(NamedTuple):
+    """Strengths of light from the sky and the floor, and of the key light, the headlight and the fill light."""
+
+    sky: float
+    bounce: float
+    key: float
+    head: float
+    fill: float
+
+
+def lights(key: NDArray, head: NDArray, fill: NDArray, *, even: bool = False) -> Lights:
+    """Return strengths for unit vectors towards the three lights: a surface in full light has its color as given.
+
+    With `even` ambient light comes equally from above and below, as where colors show values.
+    """
+    sky, bounce, share = (EVEN_AMBIENT, EVEN_AMBIENT, EVEN_SHARE) if even else (SKY, BOUNCE, 1.0)
+    strengths = share * np.array([KEY, HEAD, FILL])
+    upwards = (sky - bounce) / 2 * np.array([0.0, 0.0, 1.0])
+    # For the lights that a surface faces d is linear in its normal: it is largest along the sum of their vectors.
+    each = strengths[:, None] * np.array([key, head, fill])
+    full = (sky + bounce) / 2 + max(
+        np.linalg.norm(upwards + np.array(on) @ each) for on in product((0, 1), repeat=3)
+    )
+    return Lights(*(float(one / full) for one in (sky, bounce, *strengths)))
 
 
 def shininess(roughness: float) -> float:

@@ -130,8 +130,6 @@ class OnScreen:
             self._actors.remove()
         if not keep_camera or self._actors is None:
             self._stage, self._ground, back = stage, None, self._renderers[0]
-            plotter.renderer.remove_all_lights()
-            add_lights(pv, plotter, stage.camera)
             back.RemoveAllViewProps()
             back.SetBackground(*checks.color("background", stage.look.background))
             if stage.ground is not None:
@@ -139,7 +137,9 @@ class OnScreen:
                 self._ground.prop.culling = "back"  # invisible from below
                 back.AddActor(self._ground)
         now, shadows = self._stage, self._renderers[1]
-        self._actors = Actors(pv, plotter, drawing, now.ground, self._ground, now.camera.light)
+        plotter.renderer.remove_all_lights()
+        add_lights(pv, plotter, now.camera, now.camera.lights(even=drawing.by_value))
+        self._actors = Actors(pv, plotter, drawing, now.ground, self._ground, now.camera)
         shadows.RemoveAllViewProps()
         if now.ground is not None:
             shadows.AddActor(self._actors.on_ground)

@@ -12,6 +12,7 @@ from ..kernels.pictures import drawing
 from .actors import Actors, add_lights, ground_actor, mesh_actor
 from .arrows import COLOR, Arrows
 from .drawing import Drawing
+from .light import Lights
 from .opengl_window import import_pyvista
 from .stage import Camera, Stage
 
@@ -29,9 +30,10 @@ class OpenGL:
     def __init__(self, drawing: Drawing, stage: Stage, arrows: Arrows | None = None) -> None:
         pv = import_pyvista()
         self._camera = stage.camera
+        lights = stage.camera.lights(even=drawing.by_value)
         shape = (stage.height, stage.width)
         height, width = (2 * n for n in shape)
-        self._plotter = self._new_plotter(pv, (width, height))
+        self._plotter = self._new_plotter(pv, (width, height), lights)
         # OpenGL's picture is read back into memory that Warp shares.
         self._read = pv.convert_array(np.zeros((width * height, 4), np.uint8))
         fine = pv.convert_array(self._read).reshape(height, width, 4)
@@ -45,7 +47,7 @@ class OpenGL:
         if stage.ground is not None:
             self._ground = ground_actor(pv, stage.ground)
             self._draw_ground()
-        self._actors = Actors(pv, self._plotter, drawing, stage.ground, self._ground, self._camera.light)
+        self._actors = Actors(pv, self._plotter, drawing, stage.ground, self._ground, self._camera)
         behind = self._layer(BEHIND)  # the first layer: VTK clears the window with it
         if self._ground is not None:
             behind.AddActor(self._actors.on_ground)
@@ -55,10 +57,10 @@ class OpenGL:
             self._arrow_mesh, actor = mesh_actor(pv, arrows.triangles, points, normals)
             actor.prop.color, actor.prop.interpolation = COLOR, "Phong"
             # VTK has no light from the sky and from below: ambient light is as for an upright face.
-            actor.prop.ambient, actor.prop.diffuse = 0.5 * (drawing.sky + drawing.bounce), drawing.diffuse
+            actor.prop.ambient, actor.prop.diffuse = 0.5 * (lights.sky + lights.bounce), 1.0
             self._layer(FRONT).AddActor(actor)
 
-    def _new_plotter(self, pv: Any, size: tuple[int, int]) -> Any:
+    def _new_plotter(self, pv: Any, size: tuple[int, int], lights: Lights) -> Any:
         """Return a plotter with the camera and the lights, transparent where nothing is drawn."""
         # In a notebook PyVista would otherwise also show a picture.
         plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="none", notebook=False)
@@ -70,7 +72,7 @@ class OpenGL:
         plotter.disable_anti_aliasing()
         plotter.set_background("black")
         plotter.renderer.SetBackgroundAlpha(0.0)
-        add_lights(pv, plotter, self._camera)
+        add_lights(pv, plotter, self._camera, lights)
         plotter.camera.position, plotter.camera.focal_point = self._camera.eye, self._camera.target
         plotter.camera.up, plotter.camera.view_angle = self._camera.up, self._camera.field_of_view
         return plotter

@@ -93,7 +93,8 @@ class Renderer:
             raise ValueError(f"positions has shape {positions.shape}; it must be {allowed}")
         checks.every("positions", positions, np.isfinite(positions), "finite")
         has_legend = self.drawing.scale is not None or arrows is not None
-        self.stage = Stage(scene, positions, (width, height), zoom, ROOM if has_legend else 0.0)
+        room = ROOM if has_legend else 0.0
+        self.stage = Stage(scene, positions, (width, height), zoom, room, self.drawing.radius)
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
         if self.backend == "opengl" and (window := opengl_window()):

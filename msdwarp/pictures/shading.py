@@ -9,8 +9,7 @@ import numpy as np
 
 from ..kernels.pictures import shading, shadow
 from ..world import Reflectance
-from .drawing import Drawing
-from .light import GOLDEN, SHADED, SHADOW, SOFTNESS, spread
+from .light import CONTACT, GOLDEN, SHADED, SHADOW, SOFTNESS, TONE, Lights, spread
 from .shadow_map import SIZE, ShadowMap
 from .stage import Ground
 
@@ -56,7 +55,7 @@ float keyLight(vec3 at, float facing)
   slope *= min(1.0, {shadow.STEEPEST} / max(length(slope), 1e-6));
   // A texel holds the distance at its middle, half a texel aside.
   float margin = lampUnits.y * (0.3 + 0.6 * (abs(slope.x) + abs(slope.y)));
-  bool inLight = lampUnits.w == 0.0 || above <= margin || max(inMap.x, inMap.y) > 0.5;
+  bool inLight = lampUnits.z == 0.0 || above <= margin || max(inMap.x, inMap.y) > 0.5;
   float radius = clamp({SOFTNESS} * above, {shadow.LEAST} * lampUnits.y, {shadow.MOST} * lampUnits.y);
   ivec2 fragment = ivec2(gl_FragCoord.xy) & 1;
   vec2 aside = oneOf(fragment, {_of_fragments(_START)}).xy;
@@ -84,8 +83,10 @@ _ON_BODIES = f"""
   float fill = lightColor2.r * max(dot(normalVCVSOutput, -lightDirectionVC2), 0.0);
   float above = max(lampVSOutput.w, 0.0);
   float down = 0.5 - 0.5 * dot(normalVCVSOutput, upVSOutput);
-  float around = 1.0 + down * (lampUnits.z * above / (above + 1.0) - 1.0);
-  gl_FragData[0] = vec4(around * ambientColor + (key + head + fill) * diffuseColor, opacity);
+  float around = mix(fromAround.x, fromAround.y * above / (above + 1.0), down);
+  float light = min(around + key + head + fill, 1.0);
+  light += {TONE} * light * (1.0 - light);
+  gl_FragData[0] = vec4(light * diffuseColor, opacity);
   float glint = 0.0;
   if (specularColor.r > 0.0)
   {{
@@ -142,16 +143,16 @@ def of_finish(reflectance: Reflectance) -> str:
 
 
 class Shading:
-    """The light of a drawing, with shadows of the key light, for OpenGL's actors."""
+    """The light of a drawing, with shadows of the key light, for OpenGL's actors; `even` as for `light.lights`."""
 
-    def __init__(self, pv: Any, shadow_map: ShadowMap, drawing: Drawing, ground: Ground | None) -> None:
-        self._map, self._bounce = shadow_map, drawing.bounce / drawing.sky
+    def __init__(
+        self, pv: Any, shadow_map: ShadowMap, lights: Lights, ground: Ground | None, *, even: bool
+    ) -> None:
+        self._map, self._around = shadow_map, lights[:2]
         self._height = np.array([0.0, 0.0, 0.0, 1e9])
         """Height above the ground over that where half of its light arrives: coefficients of x, y, z and 1."""
-        if ground is not None and drawing.contact:
-            self._height = np.append(ground.normal, -ground.centre @ ground.normal) / (
-                drawing.contact * ground.reach
-            )
+        if ground is not None and not even:
+            self._height = np.append(ground.normal, -ground.centre @ ground.normal) / (CONTACT * ground.reach)
         self._matrix = pv.vtkmatrix_from_array(np.eye(4))
         self._textures = {
             "shadowMap": _of_numbers(pv, shadow_map.depth.reshape(SIZE, SIZE // 4, 4), between=False),
@@ -165,7 +166,8 @@ class Shading:
         for name, (_, texture) in self._textures.items():
             actor.prop.SetTexture(name, texture)
         program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
-        program.GetFragmentCustomUniforms().SetUniform4f("lampUnits", (1.0, 1.0, 0.0, 0.0))
+        program.GetFragmentCustomUniforms().SetUniform3f("lampUnits", (1.0, 1.0, 0.0))
+        program.GetFragmentCustomUniforms().SetUniform2f("fromAround", self._around)
         vertex, fragment = program.AddVertexShaderReplacement, program.AddFragmentShaderReplacement
 
         def add(to: Any, tag: str, code: str) -> None:
@@ -190,8 +192,8 @@ class Shading:
         self._matrix.DeepCopy(matrix.T.ravel().tolist())  # OpenGL reads column by column
         for program, takes_shadows in self._programs:
             program.GetVertexCustomUniforms().SetUniformMatrix("toLamp", self._matrix)
-            units = (1 / self._map.width, self._map.texel, self._bounce, float(shadows and takes_shadows))
-            program.GetFragmentCustomUniforms().SetUniform4f("lampUnits", units)
+            units = (1 / self._map.width, self._map.texel, float(shadows and takes_shadows))
+            program.GetFragmentCustomUniforms().SetUniform3f("lampUnits", units)
         for image, texture in self._textures.values():
             image.GetPointData().GetScalars().Modified()
             image.Modified()

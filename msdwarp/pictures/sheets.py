@@ -12,7 +12,7 @@ from ..kernels.colliders.signed_distance import KINDS
 from ..kernels.pictures import sheets
 from ..world import Collider, Scene
 from .collider_meshes import pose_in_space
-from .dressing import look_of_triangles
+from .dressing import triangles_in
 from .parts import Part, SurfacePart
 
 MOST_PIECES = 8
@@ -80,11 +80,11 @@ def kept_off(scene: Scene) -> list[Collider]:
 
 def triangles_of_sheets(system: System) -> NDArray[np.bool_]:
     """Return which triangles of a system's surface have no inside behind them, shape [triangle_count]."""
-    facets, on_sheet = facets_of(system), np.zeros(system.particle_count, dtype=np.int32)
+    facets, on_sheet = facets_of(system), np.zeros(system.particle_count, dtype=bool)
     vertices = np.unique(facets.corner[~facets.closed])
-    on_sheet[facets.particle[vertices][facets.weight[vertices] != 0]] = 1
+    on_sheet[facets.particle[vertices][facets.weight[vertices] != 0]] = True
     assert system.surface is not None
-    return look_of_triangles(system.surface, on_sheet) == 1
+    return triangles_in(system.surface, on_sheet)
 
 
 def divided_triangle(pieces: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -10,10 +10,15 @@ from .. import checks
 from ..bodies import in_space
 from ..world import Look, Scene
 from .collider_meshes import extent
-from .light import FILL_FROM, KEY_FROM, towards
+from .light import FILL_FROM, KEY_FROM, Lights, lights, towards
 
 MARGIN = 1.12
 """Width of the view, over the width that must be visible."""
+WIDEST = 1.5
+"""How many times as far away as a camera that sees what moves the camera goes at most, to see fixed obstacles,
+too: what moves then fills half of the width or the height."""
+AROUND_VIEW = 6.0
+"""Largest extent of what the ground is fitted to, over half the height of the view at the camera's target."""
 AROUND_BODY = 0.4
 """Zoom on a body that the camera follows, over that at which it fills the picture."""
 UNSEEN = 1e-3
@@ -36,7 +41,10 @@ def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
 
 
 def visible(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
-    """Return points in space [m], shape [any, 3], that a camera sees if it sees positions and obstacles."""
+    """Return points in space [m], shape [any, 3], that a camera sees if it sees positions and obstacles.
+
+    Positions come first, fixed obstacles last.
+    """
     solids = extent(scene)
     if (plane := scene.ground) is not None:  # points below the ground need not be visible
         normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
@@ -86,15 +94,18 @@ class Camera:
         margin: float = MARGIN,
         zoom: float = 1.0,
         above: float = 0.0,
+        radius: NDArray | float = 0.0,
     ) -> "Camera":
         """Return the nearest camera in the direction of the look that sees all points, shape [any, 3].
 
-        `aspect` is the picture's width over its height. A `zoom` divides the distance to the target. The share
-        `above` of the height, at the upper edge, is kept free.
+        Points are the centres of balls of this `radius` [m]. `aspect` is the picture's width over its height. A
+        `zoom` divides the distance to the target. The share `above` of the height, at the upper edge, is kept
+        free.
         """
         # In view coordinates a point (a, b, c) right of, above and behind the target is visible to a camera at
         # distance D if |a| <= t_x (D − c) and |b| <= t_y (D − c). For either axis the two sides that bound the
-        # view meet at the best target and distance.
+        # view meet at the best target and distance. A ball around the point is visible if it is at least its
+        # radius away from each side.
         right, up, back = axes_of(look)
         middle, distance = (points.min(axis=0) + points.max(axis=0)) / 2, 0.0
         a, b, c = ((points - middle) @ axis for axis in (right, up, back))
@@ -102,7 +113,8 @@ class Camera:
         sideways, upright = _tangents(look.field_of_view, aspect, margin)
         sides = ((a, sideways, sideways), (b, min(upright, (1 - 2 * above) * upright * margin), upright))
         for side, one, other in sides:
-            high, low = np.max(side / one + c), np.max(-side / other + c)
+            high = np.max(side / one + c + radius * math.hypot(1, 1 / one))
+            low = np.max(-side / other + c + radius * math.hypot(1, 1 / other))
             shift = (high - low) / (1 / one + 1 / other)
             distance = max(distance, high - shift / one)
             shifts.append(shift)
@@ -112,17 +124,40 @@ class Camera:
         return cls(eye, target, -back, right, up, look.field_of_view)
 
     def aimed(
-        self, target: NDArray, distance: float | None, points: NDArray, aspect: float, zoom: float
+        self,
+        target: NDArray,
+        distance: float | None,
+        points: NDArray,
+        aspect: float,
+        zoom: float = 1.0,
+        radius: NDArray | float = 0.0,
     ) -> "Camera":
         """Return a camera in the same direction that looks at `target` [m] from a distance [m].
 
-        If `distance` is None, it is the least distance from which all points, shape [any, 3], are in view.
+        If `distance` is None, it is the least distance from which all points, shape [any, 3], are in view, with
+        balls of a `radius` [m] there.
         """
         if distance is None:
             sides = zip((self.right, self.up), _tangents(self.field_of_view, aspect), strict=True)
             off = points - target
-            distance = max(float((np.abs(off @ axis) / tan - off @ self.forward).max()) for axis, tan in sides)
+            distance = max(
+                float((np.abs(off @ axis) / tan - off @ self.forward + radius * math.hypot(1, 1 / tan)).max())
+                for axis, tan in sides
+            )
         return replace(self, eye=target - distance / zoom * self.forward, target=target)
+
+    def towards(self, other: "Camera", share: float) -> "Camera":
+        """Return the camera at a share 0 … 1 of the way to another, which looks in the same direction.
+
+        It sees what both see.
+        """
+        eye, target = (a + share * (b - a) for a, b in ((self.eye, other.eye), (self.target, other.target)))
+        return replace(self, eye=eye, target=target)
+
+    @property
+    def distance(self) -> float:
+        """Distance from the target [m]."""
+        return float(np.linalg.norm(self.eye - self.target))
 
     def shifted(self, way: NDArray) -> "Camera":
         """Return this camera, moved [m], shape [3]."""
@@ -131,8 +166,7 @@ class Camera:
     def shifted_by_pixels(self, right: float, up: float, height: int) -> "Camera":
         """Return this camera with its view shifted by some pixels of a picture of this height."""
         way = 2 * self.tangent / height * (right * self.right + up * self.up)
-        distance = float(np.linalg.norm(self.target - self.eye))
-        return replace(self, target=self.target + distance * way, forward=self.forward + way)
+        return replace(self, target=self.target + self.distance * way, forward=self.forward + way)
 
     def pixels(self, points: NDArray, height: int, width: int) -> tuple[NDArray, NDArray]:
         """Return the rows and columns of points in a picture of this size, counted from its upper left."""
@@ -166,11 +200,19 @@ class Camera:
         """Unit vector towards the fill light."""
         return towards(FILL_FROM, self.right, self.forward)
 
+    def lights(self, *, even: bool) -> Lights:
+        """Return the strengths of light for this camera; see `light.lights`."""
+        return lights(self.light, -self.forward, self.fill, even=even)
+
 
 class Ground:
-    """The ground: a square of a plane, chequered for scale, that fades into the background."""
+    """The ground: a square of a plane, chequered for scale, that fades into the background.
 
-    def __init__(self, scene: Scene, points: NDArray) -> None:
+    It is below all `points` [m], shape [any, 3], of which the camera sees so many metres at a time, by default
+    all.
+    """
+
+    def __init__(self, scene: Scene, points: NDArray, seen: float | None = None) -> None:
         plane, look = scene.ground, scene.look
         assert plane is not None
         self.normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
@@ -179,9 +221,10 @@ class Ground:
         self.u = np.cross([0.0, 1.0, 0.0], self.normal)
         self.u /= np.linalg.norm(self.u)
         self.v = np.cross(self.normal, self.u)
-        self.reach = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-        """Diagonal of the box around all that the camera sees [m]; 1 m if that is a point."""
-        self.half = 6.0 * self.reach
+        whole = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
+        self.reach = whole if seen is None else min(seen, whole)
+        """Diagonal of the box around all that the camera sees at a time [m]; 1 m if that is a point."""
+        self.half = 5.5 * self.reach + 0.5 * whole
         self.tile = 10.0 ** math.floor(math.log10(0.5 * self.reach))
         """Side of a square of the chequered pattern [m]: a power of ten."""
         size = 2048
@@ -210,19 +253,28 @@ class Ground:
 class Stage:
     """The fixed part of all pictures of a scene: the camera, the ground and the background.
 
-    The camera keeps `positions` in view [m], shape [..., d]; `size` is the width and height of pictures in pixels.
-    For `zoom` and `above` see `Camera.that_sees`.
+    The camera keeps `positions` in view [m], shape [..., d], with balls of a `radius` [m] there, and obstacles
+    that move; fixed ones as far as it then is at most WIDEST times as far away. `size` is the width and height of
+    pictures in pixels. For `zoom` and `above` see `Camera.that_sees`.
     """
 
     def __init__(
-        self, scene: Scene, positions: NDArray, size: tuple[int, int], zoom: float = 1.0, above: float = 0.0
+        self,
+        scene: Scene,
+        positions: NDArray,
+        size: tuple[int, int],
+        zoom: float = 1.0,
+        above: float = 0.0,
+        radius: float = 0.0,
     ) -> None:
-        points = visible(scene, positions)
+        points, count = visible(scene, positions), positions.size // positions.shape[-1]
+        needed = count + len(extent(scene, fixed=False))
         self.look = scene.look
         self.width, self.height = size
         self.followed = None if self.look.follow is None else scene.system.groups[self.look.follow]
         """The particles whose mean position the camera follows; None if it follows none."""
-        cameras = [self._camera_of(scene, view, points, zoom, above) for view in self.look.views]
+        how = needed, radius * (np.arange(len(points)) < count), zoom, above
+        cameras = [self._camera_of(scene, view, points, *how) for view in self.look.views]
         self.camera = cameras[0]
         """The camera at the start."""
         self.moves = self.followed is not None or len(cameras) > 1
@@ -231,14 +283,27 @@ class Stage:
         angles = [(math.radians(view.azimuth), math.radians(view.elevation)) for view in self.look.views]
         self._times = np.array([one.time for one in self.look.path])
         self._way = np.column_stack([angles, away, [one.target for one in cameras]])
-        self.ground = Ground(scene, points) if scene.ground else None
+        wide = max(one.distance * one.tangent for one in cameras)
+        self.ground = Ground(scene, points, AROUND_VIEW * wide) if scene.ground else None
 
-    def _camera_of(self, scene: Scene, look: Look, points: NDArray, zoom: float, above: float) -> Camera:
-        """Return the camera of a look; unless the look aims it, it sees all points [m], shape [any, 3]."""
+    def _camera_of(
+        self, scene: Scene, look: Look, points: NDArray, needed: int, radius: NDArray, zoom: float, above: float
+    ) -> Camera:
+        """Return the camera of a look; unless the look aims it, it sees points [m], shape [any, 3].
+
+        Points from `needed` on are those of fixed obstacles.
+        """
         aspect, seen = self.width / self.height, points
         if self.followed is not None:
             seen, zoom = in_space(scene.system.position[self.followed], np.float64), zoom * AROUND_BODY
-        camera = Camera.that_sees(seen, look, aspect, zoom=zoom, above=above)
+            radius = radius[:1]
+        how = {"zoom": zoom, "above": above}
+        camera = Camera.that_sees(seen, look, aspect, radius=radius, **how)
+        if self.followed is None and needed < len(points):
+            near = Camera.that_sees(points[:needed], look, aspect, radius=radius[:needed], **how)
+            beyond = camera.distance - near.distance
+            if (most := (WIDEST - 1) * near.distance) < beyond:
+                camera = near.towards(camera, most / beyond)
         target = None if look.target is None else np.array(look.target)
         if self.followed is not None:
             target, zoom = (
@@ -247,7 +312,7 @@ class Stage:
             )
         if target is not None or look.distance is not None:
             middle = camera.target if target is None else target
-            camera = camera.aimed(middle, look.distance, seen, aspect, zoom)
+            camera = camera.aimed(middle, look.distance, seen, aspect, zoom, radius)
         return camera
 
     def camera_at(self, time: float, position: NDArray | None) -> Camera:

@@ -14,7 +14,7 @@ from ..runtime import ReleasedInTurn, cores, in_turn
 from ..world import FINISHES, Reflectance
 from .arrows import Arrows
 from .drawing import Drawing
-from .light import CORNERS, FILL, HEAD, KEY, SHADED, SHADOW, SOFTNESS, across, shininess, spread
+from .light import CONTACT, CORNERS, SHADED, SHADOW, SOFTNESS, TONE, across, shininess, spread
 from .shadow_map import ShadowMap
 from .stage import UNSEEN, Camera, Stage
 
@@ -236,17 +236,16 @@ def _surroundings_of(drawing: Drawing, stage: Stage) -> Any:
     """Return the camera, the lights and the ground."""
     view, device, ground, light = shading.Surroundings(), drawing.device, stage.ground, stage.camera.light
     view.background = wp.vec3(*checks.color("background", stage.look.background))
-    view.sky, view.bounce = drawing.sky, drawing.bounce
-    view.key, view.head, view.fill = (drawing.diffuse * strength for strength in (KEY, HEAD, FILL))
+    view.sky, view.bounce, view.key, view.head, view.fill = stage.camera.lights(even=drawing.by_value)
     view.fill_from = wp.vec3(*stage.camera.fill)
     view.light = wp.vec3(*light)
     view.light_u, view.light_v = (wp.vec3(*(SOFTNESS * axis)) for axis in across(light))
-    view.shaded, view.shadow = SHADED, SHADOW
+    view.tone, view.shaded, view.shadow = TONE, SHADED, SHADOW
     view.has_ground = int(ground is not None)
     view.ground = _image(_BLANK, device)
     if ground is not None:
-        view.contact = drawing.contact * ground.reach
-        view.below = drawing.below + UNSEEN * ground.reach
+        view.contact = 0.0 if drawing.by_value else CONTACT * ground.reach
+        view.below = drawing.radius + UNSEEN * ground.reach
         view.ground = _image(ground.texture[::-1], device)
         view.ground_centre, view.ground_normal = wp.vec3(*ground.centre), wp.vec3(*ground.normal)
         span = 2 * ground.half

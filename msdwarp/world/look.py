@@ -65,8 +65,9 @@ class Look:
     Parameters
     ----------
     color
-        Color of the body, "#rrggbb". A surface with a texture ignores it. Connections of a system without
-        surface have it if this, `gloss` or `finish` is not the default; else they are colored by their strain.
+        Color of the body in full light, "#rrggbb". A surface with a texture ignores it. Connections of a system
+        without surface have it if this, `gloss` or `finish` is not the default; else they are colored by their
+        strain.
     inside
         Color of the fracture surfaces of a torn solid, "#rrggbb". None: the color of the body.
     texture
@@ -82,7 +83,8 @@ class Look:
     azimuth, elevation
         Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon.
     target
-        Point in the middle of the picture [m], shape [3]. None: fitted to the run.
+        Point in the middle of the picture [m], shape [3]. None: fitted to the run, or, if the bodies travel, their
+        middle.
     distance
         Distance of the camera from the target [m]. None: everything is in view.
     field_of_view

@@ -44,8 +44,9 @@ class Scene(Problem):
     look
         Look of the picture, and of all bodies that are not in `looks`.
     looks
-        Looks of single bodies, by the name of their group (see `System.named`). They set the parameters of a body
-        (see `Look`). If two groups have particles, triangles or connections in common, the later look is used.
+        Looks of single bodies, or parts of them, by the name of their group (see `System.named`). They set the
+        parameters of a body (see `Look`). A triangle is in a group if all its corners are, as for loads; a
+        connection if one of its ends is. If two groups have some in common, the later look is used.
     schedule
         Changes at set times, made by `msdwarp.at`.
     probes

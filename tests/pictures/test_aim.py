@@ -61,13 +61,53 @@ def test_a_straggler_does_not_widen_the_view():
     calm = np.array([moved(SYSTEM.position, "a", (0.5 * t, 0, 0)) for t in steps])
     flight = np.array([moved(x, "c", (30 * t, 0, 0)) for x, t in zip(calm, steps, strict=True)])
     for positions, straggles in ((calm, False), (flight, True)):
-        seen = framed(scene(), positions, range(11), 1.5)
+        _, seen = framed(scene(), positions, steps, range(11), 1.5)
         every = np.concatenate([outermost(x, scene().look, 1.5) for x in positions])
         assert np.array_equal(seen, every) != straggles
     assert seen[:, 0].max() == pytest.approx(calm[:, :, 0].max(), abs=0.01)
     start = moved(SYSTEM.position, "c", (4, 0, 0))  # what is far from the start, and moves a little, is in view
     away = np.array([moved(start, "c", (t, 0, 0)) for t in steps])
-    assert framed(scene(), away, range(11), 1.5)[:, 0].max() == pytest.approx(away[:, :, 0].max(), abs=0.01)
+    assert framed(scene(), away, steps, range(11), 1.5)[1][:, 0].max() == pytest.approx(
+        away[:, :, 0].max(), abs=0.01
+    )
     pair = CUBE + CUBE.translate((0.3, 0, 0))  # of two bodies neither is the rest
     both = np.array([pair.position, pair.position + np.where(np.arange(16) < 8, 0, 30)[:, None]])
-    assert framed(msd.Scene(system=pair), both, range(2), 1.5).max() > 30
+    _, seen = framed(msd.Scene(system=pair), both, [0, 1], range(2), 1.5)
+    assert seen.max() > 30
+
+
+def filled(camera, position):
+    """Return the shares of the width and the height of a picture that particles fill; all must be in it."""
+    row, column = camera.pixels(position, SIZE[1], SIZE[0])
+    assert min(row.min(), column.min(), SIZE[1] - row.max(), SIZE[0] - column.max()) >= 0
+    return np.ptp(column) / SIZE[0], np.ptp(row) / SIZE[1]
+
+
+def test_obstacles_that_move_are_in_view_and_large_ones_that_do_not_are_not():
+    slab = msd.Box((4.0, 0.0, -0.5), (20.0, 20.0, 1.0))
+    alone = msd.Scene(system=SYSTEM, colliders=[slab])
+    assert max(filled(Stage(alone, SYSTEM.position, SIZE).camera, SYSTEM.position)) > 0.5
+    moving = msd.Sphere((0.0, 0.0, 0.0), 0.1, motion=lambda t: (t, 0.0, 0.0))
+    stage = Stage(msd.Scene(system=SYSTEM, colliders=[slab, moving], duration=3.0), SYSTEM.position, SIZE)
+    filled(stage.camera, np.array([[3.1, 0.0, 0.0], [3.0, 0.0, 0.1]]))
+    assert stage.camera.distance > 2
+
+
+@pytest.mark.parametrize("hops", [0.0, 0.1])
+def test_the_camera_follows_what_travels(hops):
+    times = np.linspace(0, 4, 121)
+    way = np.stack([np.sin(0.3 * times) * 10, 2 * times, hops * np.abs(np.sin(9 * times))], axis=1)
+    positions = SYSTEM.position + way[:, None]
+    seen_by, seen = framed(msd.Scene(system=SYSTEM), positions, times, range(121), SIZE[0] / SIZE[1])
+    stage = Stage(seen_by, seen, SIZE)
+    cameras = [stage.camera_at(time, None) for time in times]
+    for camera, position in zip(cameras, positions, strict=True):
+        assert max(filled(camera, position)) > 0.5 - hops
+    eyes = np.array([one.eye for one in cameras])
+    assert np.ptp(eyes[:, 2]) < 1e-9  # hops of a quarter of its size move no camera
+    # From one frame to the next it is as fast as the bodies, at most 3.6 m/s, to the third that means leave out.
+    assert np.linalg.norm(np.diff(eyes, axis=0), axis=1).max() < 1.1 * 3.6 / 30
+    near = positions * 0.05  # what goes less far than three times its size is seen by a camera at rest
+    assert framed(msd.Scene(system=SYSTEM), near + positions[0], times, range(121), 1.5)[0].look.path == ()
+    away = msd.Scene(system=SYSTEM, look=msd.Look(distance=5.0))
+    assert framed(away, positions, times, range(121), 1.5)[0] is away

@@ -16,7 +16,7 @@ from msdwarp.kernels.pictures.shading import (
 )
 from msdwarp.live.patches import patches
 from msdwarp.pictures import Drawing
-from msdwarp.pictures.light import BOUNCE, FILL, HEAD, KEY, SKY, shininess
+from msdwarp.pictures.light import TONE, shininess
 from msdwarp.world import FINISHES
 
 SIZE = (320, 160)
@@ -30,10 +30,12 @@ def mirrored(direction, normal):
 def lit(name, gloss, color, behind, normal, view, camera):
     """Return the color, 0 … 255, of a surface above no ground, seen from the direction `view`."""
     made_of = FINISHES[name]
-    lights = ((KEY, camera.light), (HEAD, -camera.forward))
+    sky, bounce, key, headlight, fill = camera.lights(even=False)
+    lights = ((key, camera.light), (headlight, -camera.forward))
     up, edge = normal[2], 1 - normal @ view
-    diffuse = SKY * (1 + up) / 2 + BOUNCE * (1 - up) / 2 + FILL * max(normal @ camera.fill, 0)
+    diffuse = sky * (1 + up) / 2 + bounce * (1 - up) / 2 + fill * max(normal @ camera.fill, 0)
     diffuse += sum(strength * max(normal @ light, 0) for strength, light in lights)
+    diffuse += TONE * diffuse * (1 - diffuse)
     exponent = shininess(made_of.roughness)
     # What cannot be seen from a face is not mirrored by it; cloth has no highlights.
     glint = gloss * sum(
@@ -43,8 +45,8 @@ def lit(name, gloss, color, behind, normal, view, camera):
     )
     height = mirrored(view, normal)[2]
     share = np.clip((height - DARK_BELOW) / (BRIGHT_ABOVE - DARK_BELOW), 0, 1)
-    sky = MIRRORED_SKY - ZENITH * max(height, 0)
-    around = MIRRORED_GROUND + (sky - MIRRORED_GROUND) * share**2 * (3 - 2 * share)
+    heaven = MIRRORED_SKY - ZENITH * max(height, 0)
+    around = MIRRORED_GROUND + (heaven - MIRRORED_GROUND) * share**2 * (3 - 2 * share)
     if name == "metal":
         return 255 * color * ((1 - made_of.metallic) * diffuse + made_of.metallic * around + glint)
     if name == "glass":
@@ -77,6 +79,19 @@ def test_each_finish_is_as_bright_as_its_formula_says(backend):
             assert wanted.max() < 255
             # Bytes are rounded, twice in glass; a pixel off the middle has another ray, 0.4° off.
             np.testing.assert_allclose(image[row, column], wanted, atol=3, err_msg=name)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("elevation", [16, 90])
+def test_at_full_light_a_color_is_as_given(backend, elevation):
+    ball, color = msd.ball(0.5, 0.1), np.array([0x20, 0x60, 0xD0])
+    look = msd.Look(color="#2060d0", gloss=0.0, background="#000000", elevation=elevation)
+    renderer = msd.Renderer(
+        msd.Scene(system=ball, look=look), ball.position, resolution=SIZE, backend=backend, device="cpu"
+    )
+    brightest = renderer.image(ball.position).reshape(-1, 3).max(axis=0)
+    # Normals of all directions towards the camera are there, up to those of its 32 meridians.
+    np.testing.assert_allclose(brightest, color, atol=1)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

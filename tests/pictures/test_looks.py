@@ -7,7 +7,7 @@ from backends import BACKENDS
 
 import msdwarp as msd
 from msdwarp.pictures.drawing import ColorScale, Drawing
-from msdwarp.pictures.dressing import look_of_triangles, part_of, uncovered
+from msdwarp.pictures.dressing import part_of, triangles_in, uncovered
 from msdwarp.pictures.parts import Balls, Finish, SurfacePart, Tubes
 
 SIZE = (160, 120)
@@ -83,6 +83,19 @@ def test_where_looks_meet_the_later_counts():
     assert len(surfaces[1].triangles) == len(BALL.surface.triangles)
     second = parts_of(msd.Scene(system=system, looks={"ball": BLUE, "all": RED}))
     assert len([part for part in second if isinstance(part, SurfacePart)]) == 1
+
+
+def test_a_look_colors_the_triangles_all_of_whose_corners_are_in_its_group():
+    stripe = np.abs(CLOTH.position[:, 0]) < 0.15  # the two middle columns of six, 0.2 m apart
+    system = CLOTH.replace(
+        groups={"stripe": np.flatnonzero(stripe), "rows": np.flatnonzero(CLOTH.position[:, 1] > 0)}
+    )
+    drawing = Drawing(msd.Scene(system=system, looks={"rows": RED, "stripe": BLUE}), "texture")
+    drawing.follow(system.position)
+    points, triangles = drawing.points.numpy(), {part.name: part.triangles for part in drawing.body}
+    assert {name: len(of) for name, of in triangles.items()} == {"body": 24, "rows": 16, "stripe": 10}
+    assert np.abs(points[triangles["stripe"], 0]).max() < 0.15
+    assert points[triangles["rows"], 1].min() > 0
 
 
 def test_connections_outside_of_surfaces_are_drawn_and_no_others():
@@ -168,8 +181,7 @@ def test_strain_is_shown_on_round_ropes_whose_balls_do_not_stick_out():
 def test_a_part_of_a_surface_is_that_part():
     surface = (BALL + CLOTH).surface
     assert part_of(surface, np.ones(len(surface.triangles), dtype=bool)) is surface
-    look_of = np.repeat([1, 2], [BALL.particle_count, CLOTH.particle_count]).astype(np.int32)
-    chosen = look_of_triangles(surface, look_of) == 1
+    chosen = triangles_in(surface, np.arange((BALL + CLOTH).particle_count) < BALL.particle_count)
     part, position = part_of(surface, chosen), (BALL + CLOTH).position
     np.testing.assert_array_equal(
         part.points(position)[part.triangles], surface.points(position)[surface.triangles[chosen]]

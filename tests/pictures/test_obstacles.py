@@ -10,7 +10,7 @@ import msdwarp as msd
 from msdwarp import checks
 from msdwarp.pictures.collider_meshes import AROUND, extent, mesh_of, meshes, pose_in_space
 from msdwarp.pictures.drawing import Drawing
-from msdwarp.pictures.light import BOUNCE, CONTACT, FILL, HEAD, KEY, SHADOW, SKY
+from msdwarp.pictures.light import CONTACT, SHADOW, TONE
 
 SIZE = (320, 180)
 
@@ -181,11 +181,12 @@ def test_planes_have_no_mesh(body):
 
 def shade(color, normal, camera, height):
     """Return the color of a matt surface with this normal, 0 … 255; `height` is over the extent of the view."""
-    facing = KEY * max(normal @ camera.light, 0) + HEAD * max(-normal @ camera.forward, 0)
-    facing += FILL * max(normal @ camera.fill, 0)
+    sky, bounce, key, head, fill = camera.lights(even=False)
+    light = key * max(normal @ camera.light, 0) + head * max(-normal @ camera.forward, 0)
+    light += fill * max(normal @ camera.fill, 0)
     below = (1 - normal[2]) / 2
-    around = SKY * (1 - below) + BOUNCE * below * height / (height + CONTACT)
-    return np.minimum(255 * np.array(color) * (around + facing), 255)
+    light += sky * (1 - below) + bounce * below * height / (height + CONTACT)
+    return 255 * np.array(color) * (light + TONE * light * (1 - light))
 
 
 @pytest.mark.slow

@@ -40,6 +40,18 @@ def test_the_camera_is_as_near_as_it_can_be_and_sees_everything(aspect, azimuth,
     assert max(across.max(), along.max()) == pytest.approx(1.0, abs=1e-9)
 
 
+def test_balls_are_in_view_as_wholes():
+    random = np.random.default_rng(3)
+    points, radius = random.normal(size=(6, 3)) * (3, 1, 2), np.array([0.0, 0.1, 0.7, 0.4, 0.0, 1.5])
+    look, aspect = msd.Look(azimuth=20, elevation=25), 1.5
+    camera = Camera.that_sees(points, look, aspect, margin=1.0, radius=radius)
+    ways = random.normal(size=(20000, 1, 3))
+    offset = points + radius[:, None] * ways / np.linalg.norm(ways, axis=2, keepdims=True) - camera.eye
+    tan = np.tan(np.radians(look.field_of_view) / 2) * (offset @ camera.forward)
+    edge = max(np.abs(offset @ camera.right / (tan * aspect)).max(), np.abs(offset @ camera.up / tan).max())
+    assert 1 - 1e-3 < edge <= 1 + 1e-9  # of 20000 points on a ball one is a hundredth of its radius from any
+
+
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_a_few_particles_decide_what_the_camera_and_the_ground_are(dim):
     frames = np.random.default_rng(2).normal(size=(20, 100, dim)).cumsum(axis=0)

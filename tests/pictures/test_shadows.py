@@ -8,7 +8,7 @@ import warp as wp
 
 import msdwarp as msd
 from msdwarp.pictures import renderer as renderer_module
-from msdwarp.pictures.light import FILL, HEAD, KEY, SHADED, SHADOW, SKY, SOFTNESS, across, spread
+from msdwarp.pictures.light import SHADED, SHADOW, SOFTNESS, TONE, across, spread
 
 SIZE = (64, 48)
 RADIUS, CENTRE = 0.3, np.array([0.0, 0.0, 1.0])
@@ -89,12 +89,13 @@ def test_an_obstacle_s_shadow_falls_on_another_as_dark_as_the_light_says():
     camera = renderer.stage.camera
     shaded = np.array([0.0, 0.0, 0.9]) - (0.9 - 0.2) / camera.light[2] * camera.light
     (row, column), (far_row, far_column) = pixels_of(renderer, [shaded, [0.9, -0.9, 0.2]])
-    head, key = HEAD * -camera.forward[2] + FILL * camera.fill[2], KEY * camera.light[2]
-    color = 255 * 0x80 / 255
+    sky, _, key, head, fill = camera.lights(even=False)
+    always, key = sky - head * camera.forward[2] + fill * camera.fill[2], key * camera.light[2]
+    shade, light = (0x80 * (one + TONE * one * (1 - one)) for one in (always + SHADED * key, always + key))
     # In full shadow SHADED of the key light is left; bytes are rounded, and float32 colors too.
-    np.testing.assert_allclose(both[row, column], color * (SKY + head + SHADED * key), atol=1)
-    np.testing.assert_allclose(alone[row, column], color * (SKY + head + key), atol=1)
-    np.testing.assert_allclose(both[far_row, far_column], color * (SKY + head + key), atol=1)
+    np.testing.assert_allclose(both[row, column], shade, atol=1)
+    np.testing.assert_allclose(alone[row, column], light, atol=1)
+    np.testing.assert_allclose(both[far_row, far_column], light, atol=1)
 
 
 @pytest.mark.slow

@@ -71,7 +71,8 @@ def draw(
         fps, count = trajectory.fps if fps is None else fps, len(shown)
         scene, coloring, values = _dressed(scene, trajectory, pictures, shown)
         size = parse_resolution(pictures.resolution)
-        seen = framed(scene, trajectory.positions, shown, size[0] / size[1])
+        aspect, still_scene = size[0] / size[1], scene
+        scene, seen = framed(scene, trajectory.positions, trajectory.times, shown, aspect)
         forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
         how = {"coloring": coloring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
         renderer = Renderer(scene, seen, resolution=size, device=device, **how)
@@ -113,11 +114,13 @@ def draw(
             path = overlay_path(folder, name)
             all_values = None if values is None else np.array([values(k) for k in chosen])
             _raise_if_stopped(requests)
+            if scene is not still_scene:  # one camera sees all poses
+                renderer = Renderer(still_scene, seen, resolution=size, device=device, **how)
             _save(path, timelapse(renderer, positions[chosen], times[chosen], all_values))
             drawn.append(f"an overlay of {len(chosen)} poses")
             results.append(str(path))
         seconds = time.perf_counter() - began
-        closer = closer_view(scene, positions[shown[0]], positions[shown[-1]], seen, size[0] / size[1])
+        closer = closer_view(scene, positions[shown[0]], positions[shown[-1]], seen, aspect)
         return f"drew {' and '.join(drawn)} in {seconds:.2f} s: " + " and ".join(results) + closer
 
 
@@ -136,8 +139,8 @@ def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspec
     if look.distance is not None or look.follow is not None or look.path:
         return ""
     near, *far = (Camera.that_sees(visible(scene, x), look, aspect) for x in (start, end, seen))
-    distance, *wide = (float(np.linalg.norm(one.eye - one.target)) for one in (near, *far))
-    if min(wide) < SCATTERED * distance:  # the view may also be of where one body goes
+    distance = near.distance
+    if min(one.distance for one in far) < SCATTERED * distance:  # the view may also be of where one body goes
         return ""
     target = np.round(near.target, 1 - math.floor(math.log10(distance))) + 0.0  # + 0.0: no -0
     flags = f"--target {','.join(f'{x:g}' for x in target)} --distance {distance:.2g}"
@@ -166,7 +169,8 @@ def drawn(
     if whole:
         size, look = parse_resolution(pictures.resolution), scene.look
         aspect = size[0] / size[1]
-        stage = Stage(scene, framed(scene, trajectory.positions, every, aspect), size, pictures.zoom)
+        scene, seen = framed(scene, trajectory.positions, trajectory.times, every, aspect)
+        stage = Stage(scene, seen, size, pictures.zoom, radius=drawing.radius)
         more = {"view_angle": look.field_of_view, "aspect": aspect, "sun": stage.camera.light}
         more["background"] = np.array(checks.color("background", look.background))
         if stage.ground is not None:
