@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..pictures import OnScreen, bar
+from ..pictures import OnScreen, legends
 from . import overlay
 from .keys import FLAGS
 
@@ -165,7 +165,7 @@ class Window:
         scale, stops = view.shown.drawing.scale, view.shown.drawing.stops
         if scale is not None:
             scale = scale._replace(full=float(f"{scale.full:.2g}"))  # ends of adapting scales are rounded
-        self._paint("scale", scale, lambda: scale and bar(height, scale, stops), (-0.0, 0.0))
+        self._paint("scale", scale, lambda: legends((width // 2, height), scale, stops).right, (-0.0, 0.0))
         row = max(20, int(0.8 * width / (15 * unit)))
         at = (None, gap + 0.16 * height)
         self._paint("notice", message, lambda: overlay.notice(message, unit, columns=row) if message else None, at)

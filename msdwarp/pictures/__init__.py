@@ -3,7 +3,7 @@
 from .drawing import ColorScale, Drawing
 from .film import FILM_FORMATS, check_formats, write_film
 from .framing import framed
-from .legend import bar, ramp
+from .legend import legends, ramp
 from .onscreen import OnScreen
 from .opengl_window import no_display
 from .parts import Part

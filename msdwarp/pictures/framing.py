@@ -27,8 +27,7 @@ share of the whole time. Two viewpoints lie within it."""
 def framed(
     scene: Scene, positions: Any, times: ArrayLike, chosen: Sequence[int], aspect: float
 ) -> tuple[Scene, NDArray]:
-    """Return the scene, with a camera that follows bodies that travel, and the positions that it keeps in view
-    [m].
+    """Return the scene, with a camera that follows bodies that travel, and the positions [m] that it sees.
 
     These are the outermost in the chosen frames, shape [any, d]. If there are three bodies or more, a body that
     goes far away from the others counts only while it is near them, and in the first frame. `positions` have the

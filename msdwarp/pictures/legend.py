@@ -2,17 +2,20 @@
 
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from ..kernels.pictures import drawing
-from .arrows import COLOR
+from .arrows import COLOR, LONGEST
 from .drawing import ColorScale
 
-ROOM = 0.125
-"""Height of a legend at the upper edge, over the height of the picture."""
+LEGIBLE, LEAST = 9 / 19, 4 / 19
+"""Scales, 1 in a picture of 720 rows, of legends in small pictures, and of the smallest, if there is no room."""
+MOST_ROOM = 0.3
+"""Largest share of the picture's height that the camera keeps free for legends."""
 INK, VEIL = (60, 66, 72, 255), (255, 255, 255, 150)
 """Colors of letters and of the translucent background."""
 Stops = tuple[tuple[float, float, float], ...]
@@ -24,11 +27,38 @@ def ramp(stops: Stops, count: int) -> NDArray[np.float64]:
     return np.stack([np.interp(at, places, channel) for channel in np.transpose(stops)], axis=1)
 
 
+class Legends(NamedTuple):
+    """Legends at the upper edge of a picture, in its left and its right corner."""
+
+    left: Image.Image | None
+    right: Image.Image | None
+
+    @property
+    def height(self) -> int:
+        """Height of the taller one in pixels; 0 if there is none."""
+        return max((one.height for one in self if one is not None), default=0)
+
+
 @functools.lru_cache(maxsize=4)
-def bar(height: int, scale: ColorScale, stops: Stops) -> Image.Image:
-    """Return the color bar for a picture of this height."""
-    unit = height / 720
-    length, thick, size = round(260 * unit), max(4, round(14 * unit)), max(9, round(19 * unit))
+def legends(size: tuple[int, int], scale: ColorScale | None, stops: Stops, full: float | None = None) -> Legends:
+    """Return an arrow for the force `full` [N] and the color bar of a scale, for a picture of this width and
+    height.
+
+    They are so small that they do not overlap.
+    """
+    width, height = size
+    unit = max(height / 720, LEGIBLE)
+    while True:
+        left = None if full is None else arrow(unit, f"{full:g} N or more", LONGEST * height)
+        right = None if scale is None else bar(unit, scale, stops)
+        if unit <= LEAST or sum(one.width for one in (left, right) if one is not None) <= width:
+            return Legends(left, right)
+        unit *= 0.9
+
+
+def bar(unit: float, scale: ColorScale, stops: Stops) -> Image.Image:
+    """Return the color bar; `unit` is 1 for a picture of 720 rows."""
+    length, thick, size = round(260 * unit), max(4, round(14 * unit)), round(19 * unit)
     font = ImageFont.load_default(size)
     # A margin on either side for half the last number; more if the label needs it.
     left, top = max(4 * size, math.ceil((font.getlength(scale.label) - length + size) / 2)), round(1.6 * size)
@@ -44,10 +74,9 @@ def bar(height: int, scale: ColorScale, stops: Stops) -> Image.Image:
     return legend
 
 
-@functools.lru_cache(maxsize=4)
-def arrow(height: int, label: str, share: float) -> Image.Image:
-    """Return an arrow whose length is `share` times the picture's height, with its label."""
-    size, length = max(9, round(19 * height / 720)), share * height
+def arrow(unit: float, label: str, length: float) -> Image.Image:
+    """Return an arrow of this length [pixels] with its label; `unit` is 1 for a picture of 720 rows."""
+    size = round(19 * unit)
     font = ImageFont.load_default(size)
     legend = Image.new("RGBA", (math.ceil(length + font.getlength(label) + 3 * size), 2 * size), VEIL)
     pen, color = ImageDraw.Draw(legend), tuple(round(255 * c) for c in COLOR)
@@ -58,8 +87,13 @@ def arrow(height: int, label: str, share: float) -> Image.Image:
     return legend
 
 
-def with_corner(image: NDArray[np.uint8], legend: Image.Image, *, right: bool) -> NDArray[np.uint8]:
-    """Return the picture with a legend in its upper right or left corner."""
+def with_legends(image: NDArray[np.uint8], shown: Legends) -> NDArray[np.uint8]:
+    """Return the picture with its legends."""
+    if not shown.height:
+        return image
     picture = Image.fromarray(image)
-    picture.paste(legend, (picture.width - legend.width if right else 0, 0), legend)
+    for legend in shown:
+        if legend is not None:
+            at = 0 if legend is shown.left else picture.width - legend.width
+            picture.paste(legend, (at, 0), legend)
     return np.asarray(picture)

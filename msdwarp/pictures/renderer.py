@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..runtime import find_device, in_turn, start_warp
 from ..world import Scene
-from .arrows import LONGEST, Arrows
+from .arrows import Arrows
 from .drawing import ColorScale, Drawing
-from .legend import ROOM, arrow, bar, with_corner
+from .legend import MOST_ROOM, legends, with_legends
 from .opengl import OpenGL
 from .opengl_window import ADVICE, has_card, opengl_window
 from .stage import Camera, Stage
@@ -92,8 +92,9 @@ class Renderer:
             allowed = f"(..., {scene.system.dim}), with at least one point"
             raise ValueError(f"positions has shape {positions.shape}; it must be {allowed}")
         checks.every("positions", positions, np.isfinite(positions), "finite")
-        has_legend = self.drawing.scale is not None or arrows is not None
-        room = ROOM if has_legend else 0.0
+        full = None if arrows is None else checks.positive("arrows", arrows)
+        self._legends = legends((width, height), self.drawing.scale, self.drawing.stops, full)
+        room = min(self._legends.height / height, MOST_ROOM)
         self.stage = Stage(scene, positions, (width, height), zoom, room, self.drawing.radius)
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
@@ -197,11 +198,7 @@ class Renderer:
 
     def with_legend(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return a picture with its legend: the color bar and the longest arrow, if it has them."""
-        if self.arrows is not None:
-            image = with_corner(image, arrow(len(image), f"{self.arrows.full:g} N or more", LONGEST), right=False)
-        if self.drawing.scale is not None:
-            image = with_corner(image, bar(len(image), self.drawing.scale, self.drawing.stops), right=True)
-        return image
+        return with_legends(image, self._legends)
 
 
 def no_opengl() -> str | None:

@@ -8,7 +8,7 @@ import msdwarp as msd
 from msdwarp import checks
 from msdwarp.kernels.pictures.drawing import STRAIN_STOPS, VALUE_STOPS
 from msdwarp.pictures.drawing import ColorScale, Drawing
-from msdwarp.pictures.legend import bar, with_corner
+from msdwarp.pictures.legend import legends, with_legends
 from msdwarp.pictures.timelapse import timelapse
 
 SIZE = (320, 180)
@@ -114,7 +114,7 @@ def test_tubes_take_a_color_at_either_end_and_balls_their_own():
 
 def with_bar(image, scale, stops):
     """Return a picture with the bar of a scale."""
-    return with_corner(image, bar(len(image), scale, stops), right=True)
+    return with_legends(image, legends((image.shape[1], len(image)), scale, stops))
 
 
 def test_the_legend_shows_the_scale():
@@ -131,6 +131,19 @@ def test_the_legend_shows_the_scale():
     np.testing.assert_allclose(shown / 255, colors_of(np.linspace(0, 1, 260), 1.0), atol=0.5 / 255 + 1e-9)
     for other in (SPEED._replace(label="energy [J]"), SPEED._replace(full=3.0)):
         assert (with_bar(image, other, VALUE_STOPS) != drawn).any()
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (320, 180), (400, 900), (160, 120)])
+def test_legends_do_not_overlap(size):
+    scale = ColorScale("strain (below 0: shorter than at rest)", 0.2, signed=True)
+    left, right = legends(size, scale, STRAIN_STOPS, 12.5)
+    assert left.width + right.width <= size[0]
+    body = msd.box((3, 3, 3), 0.2)
+    renderer = msd.Renderer(
+        msd.Scene(system=body), body.position, resolution=size, coloring="strain", arrows=12.5, backend="raster"
+    )
+    rows, _ = renderer.stage.camera.pixels(body.position, *size[::-1])
+    assert rows.min() >= min(right.height, 0.3 * size[1])
 
 
 def test_a_long_label_is_not_cut_off():
