@@ -41,10 +41,9 @@ class Legends(NamedTuple):
 
 @functools.lru_cache(maxsize=4)
 def legends(size: tuple[int, int], scale: ColorScale | None, stops: Stops, full: float | None = None) -> Legends:
-    """Return an arrow for the force `full` [N] and the color bar of a scale, for a picture of this width and
-    height.
+    """Return an arrow for the force `full` [N], and the color bar of a scale, that do not overlap.
 
-    They are so small that they do not overlap.
+    `size` is the width and height of the picture.
     """
     width, height = size
     unit = max(height / 720, LEGIBLE)

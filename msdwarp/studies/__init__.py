@@ -14,3 +14,4 @@ from .sweep_plot import plot_sweep
 from .sweep_points import RESULTS, Point, Setup, final_numbers
 from .table import EnergyLog, GrowingTable
 from .tensor_functions import simulate_jax, simulate_torch
+from .units import units_of

@@ -49,7 +49,7 @@ def plot_log(csv_path: Path, png_path: Path) -> None:
     axes = figure.subplots()
     draw_energies(axes, table)
     axes.set_xlabel("time [s]")
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 1), ncols=4)
     save_figure(figure, png_path)
 
 

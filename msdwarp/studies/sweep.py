@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from .sweep_points import (
     stored_row,
     write_results,
 )
+from .units import unit_in, units_of
 from .workers import gpus_for, workers_for
 
 _TRIES = 3
@@ -77,7 +79,8 @@ def sweep(
     parameters, **options
         Values common to all points: parameters of the scene, options of `Simulation` and the `duration` [s].
     observe
-        Functions by name. Each is called with the `Simulation` at the end of the run, and returns a number.
+        Functions by name. Each is called with the `Simulation` at the end of the run, and returns a number. A unit
+        in brackets in its docstring is that of the result.
     executor
         An object with a method `submit` like that of `concurrent.futures`, such as Dask's `Client` or a submitit
         executor. By default processes on this machine.
@@ -97,7 +100,8 @@ def sweep(
     xarray.Dataset
         Over the swept parameters: `status` ("done", "diverged", "failed", "lost" or "missing"), `message`, `run`
         (the name of the point's folder in runs/), the energies, momenta and largest strain at the end, the last
-        value of each probe, and the observed quantities. Also written to results.nc and results.csv.
+        value of each probe, and the observed quantities. Parameters have the attribute `units` if the docstring of
+        the scene's function gives a unit in brackets. Also written to results.nc and results.csv.
 
     Raises
     ------
@@ -141,6 +145,8 @@ def sweep(
         jobs=jobs,
         device=options.get("device"),
         report=report,
+        units=units_of(build, values)
+        | {key: unit for key, one in watched.items() if (unit := unit_in(one.__doc__))},
     )
     if refused and jobs == ENSEMBLE:
         checks.warn(ensemble_summary(worlds, refused))
@@ -195,11 +201,13 @@ def complete(
     jobs: int | str = "auto",
     device: str | None = None,
     report: Report | None = None,
+    units: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Any, int, dict[int, str]]:
     """Simulate the planned points that are not in the folder yet, and write the results of all planned points.
 
-    Return (results, number of points that ran in ensembles, why other points did not, by index).
-    Without a `device` the processes share the GPUs. Other arguments and errors are as for `sweep`.
+    Return (results, number of points that ran in ensembles, why other points did not, by index). Without a
+    `device` the processes share the GPUs; `units` are for `write_results`. Other arguments and errors are as for
+    `sweep`.
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ValueError(
@@ -240,7 +248,7 @@ def complete(
             rows = [
                 row or stored_row(runs / point.digest) or absent for row, point in zip(rows, planned, strict=True)
             ]
-            results = write_results(grid, planned, rows, folder)
+            results = write_results(grid, planned, rows, folder, units)
     return results, count - len(left), refused
 
 

@@ -13,6 +13,10 @@ from .table import COLUMNS
 
 _USUAL = ("kinetic_J", "elastic_J", "gravitational_J", "largest_strain")
 _MOST_PANELS = 6
+_MOST_TEXTS, _LONGEST, _ABREAST = 12, 24, 45
+"""Maximal number of texts at an axis, of letters of one, and of letters of all if they stand side by side."""
+_SUBDIVIDED = 2.0
+"""A logarithmic axis of up to so many decades has ticks at 1, 2 and 5 times powers of ten."""
 
 
 def plot_sweep(results: str | Path, path: str | Path, *, show: str | None = None, force: bool = False) -> Path:
@@ -60,11 +64,11 @@ def _figure(found: Any, names: list[str]) -> Any:
             if others:
                 least, most = values.min(others).values, values.max(others).values
                 axes.fill_between(places, least, most, color=BLUE, alpha=0.15, lw=0)
-            axes.set_ylabel(_label(name))
+            axes.set_ylabel(_label(found, name))
         else:
-            _map(axes, mean, ended, _label(name))
-            axes.set_ylabel(swept[1])
-        axes.set_xlabel(swept[0])
+            _map(axes, mean, ended, _label(found, name))
+            axes.set_ylabel(_label(found, swept[1]))
+        axes.set_xlabel(_label(found, swept[0]))
     for axes in panels[len(names) :]:
         axes.set_axis_off()
     means = f", mean over {', '.join(map(str, others))}" if others else ""
@@ -77,6 +81,7 @@ def _line(axes: Any, mean: Any, ended: NDArray) -> NDArray[np.float64]:
     places = _places(axes.xaxis, axes.set_xscale, mean[mean.dims[0]].values)
     axes.plot(places, mean.values, color=BLUE, marker="o" if len(places) <= 60 else "", ms=3.5, lw=1.6)
     axes.plot(places[~ended], np.full((~ended).sum(), 0.03), "x", color=RED, transform=axes.get_xaxis_transform())
+    _thin(axes.xaxis, places)
     add_grid(axes)
     return places
 
@@ -90,6 +95,8 @@ def _map(axes: Any, mean: Any, ended: NDArray, label: str) -> None:
     scales = {name: scale for name, scale in scales.items() if scale == "log"}  # setting a linear one resets ticks
     how = {"cmap": "viridis", "center": False, "add_labels": False, "cbar_kwargs": {"label": label}}
     mean.assign_coords({across: x, up: y}).plot.pcolormesh(x=across, y=up, ax=axes, **scales, **how)
+    _thin(axes.xaxis, x)
+    _thin(axes.yaxis, y)
     i, j = np.nonzero(~ended)
     axes.plot(x[i], y[j], "x", color=RED)
 
@@ -97,7 +104,11 @@ def _map(axes: Any, mean: Any, ended: NDArray, label: str) -> None:
 def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
     """Return coordinates of values on an axis, which is logarithmic for a decade or more; texts are in order."""
     if values.dtype.kind not in "iuf":
-        axis.set_ticks(range(len(values)), [str(value) for value in values])
+        texts = [text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…" for text in map(str, values)]
+        shown = range(0, len(texts), -(-len(texts) // _MOST_TEXTS))
+        long = axis.axis_name == "x" and sum(len(texts[k]) + 2 for k in shown) > _ABREAST
+        how = {"rotation": 30, "horizontalalignment": "right", "rotation_mode": "anchor"} if long else {}
+        axis.set_ticks(list(shown), [texts[k] for k in shown], **how)
         return np.arange(len(values), dtype=float)
     places = values.astype(float)
     if places.min() > 0 and places.max() / places.min() >= 10:
@@ -105,8 +116,21 @@ def _places(axis: Any, set_scale: Any, values: NDArray) -> NDArray[np.float64]:
     return places
 
 
-def _label(name: str) -> str:
-    """Return the label of a result's axis, with the unit in brackets."""
+def _thin(axis: Any, places: NDArray[np.float64]) -> None:
+    """Let the ticks of a logarithmic axis be so few that their numbers do not overlap."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    if axis.get_scale() == "log":
+        axis.set_minor_formatter(NullFormatter())
+        if np.log10(places.max() / places.min()) <= _SUBDIVIDED:
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _label(found: Any, name: str) -> str:
+    """Return the label of an axis, with the unit in brackets."""
+    if (unit := found[name].attrs.get("units")) is not None:
+        return f"{name.replace('_', ' ')} [{unit}]"
     for unit in ("_kg_m2_s", "_kg_m_s", "_m_s", "_J", "_W", "_N", "_m", "_s"):
         if name.endswith(unit):
             shown = unit[1:].replace("m2", "m²").replace("_s", "/s").replace("_", " ")

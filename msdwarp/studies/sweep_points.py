@@ -175,11 +175,16 @@ def import_xarray() -> Any:
 
 
 def write_results(
-    grid: Mapping[str, Sequence[Any]], planned: Sequence[Point], rows: Sequence[Row], folder: Path
+    grid: Mapping[str, Sequence[Any]],
+    planned: Sequence[Point],
+    rows: Sequence[Row],
+    folder: Path,
+    units: Mapping[str, str] = MappingProxyType({}),
 ) -> Any:
     """Write the rows of all points as NetCDF and as a table; return them as an `xarray.Dataset` over the grid.
 
-    A number missing in a row becomes NaN. Each file is written under a temporary name, then renamed.
+    `units` are those of parameters and of observed quantities, by name. A number missing in a row becomes NaN.
+    Each file is written under a temporary name, then renamed.
     """
     xarray = import_xarray()
     numbers = dict.fromkeys(name for row in rows for name in row if name not in (*WORDS, *grid))
@@ -196,6 +201,8 @@ def write_results(
     same = {key: value for key, value in (first["parameters"] | first["options"]).items() if key not in grid}
     about = {"scene": str(first["scene"]), "parameters": json.dumps(same)}
     results = xarray.Dataset(variables, coordinates, about)
+    for name in units.keys() & results.variables.keys():
+        results[name].attrs["units"] = units[name]
     with disk.replacing(folder / RESULTS) as unfinished:
         results.to_netcdf(unfinished, engine="h5netcdf")
     with disk.replacing(folder / TABLE) as unfinished:

@@ -123,6 +123,7 @@ def sweep_scene(origin: Origin, command: str, flags: Sequence[str]) -> None:
                 jobs=options.jobs,
                 device=options.device,
                 report=lambda done, all_: progress.update(task, completed=done, total=all_),
+                units=studies.units_of(origin.build, values),
             )
     except (KeyboardInterrupt, Terminated) as stop:
         number = number_of(stop)
