@@ -14,16 +14,16 @@ def push(time: float) -> tuple[float, float, float]:
 
 
 def build(
-    *, size: int = 50, cut: float = 0.4, stiffness: float = 400.0, damping: float = 0.3, break_strain: float = 0.3
+    *, size: int = 50, slit: float = 0.4, stiffness: float = 400.0, damping: float = 0.3, break_strain: float = 0.3
 ) -> Scene:
     """Push a ball into a cloth of 1.5 m by 1.5 m.
 
     Parameters
     ----------
     size
-        Particles along an edge; even, so that the cut is in the middle.
-    cut
-        Length of the cut from a free edge, as a fraction of the cloth's length.
+        Particles along an edge; even, so that the slit is in the middle.
+    slit
+        Length of the slit, a cut from a free edge, as a fraction of the cloth's length.
     break_strain
         Strain at which a thread breaks.
     """
@@ -31,7 +31,7 @@ def build(
     cloth = sheet((size, size), spacing, mass=0.3 * spacing**2, stiffness=stiffness, damping=damping)
     middle = cloth.position[cloth.connections].mean(axis=1)
     crossing = np.diff(cloth.position[cloth.connections][:, :, 0] > 0, axis=1)[:, 0]
-    broken_at = np.where(crossing & (middle[:, 1] < 1.5 * cut - 0.75), 0.0, np.inf)
+    broken_at = np.where(crossing & (middle[:, 1] < 1.5 * slit - 0.75), 0.0, np.inf)
     cloth = cloth.replace(break_strain=break_strain, broken_at=broken_at)
     cloth = cloth.pin(np.abs(cloth.position[:, 0]) > 0.75 - 0.5 * spacing).translate((0, 0, 1.0))
     ball = Sphere((0, 0, 1.26), 0.25, restitution=0.0, friction=0.2, motion=push)

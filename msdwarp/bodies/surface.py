@@ -86,6 +86,11 @@ class Surface:
             return x[self.particle]
         return np.einsum("vk,vkd->vd", self.weights, x[self.particle])
 
+    def triangles_in(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which triangles have all corners among chosen particles, a mask of shape [particle_count]."""
+        particle, weights = self.mixture
+        return (chosen[particle] | (weights == 0)).all(axis=1)[self.triangles].all(axis=1)
+
     def behind(self, first: Surface | None, particles: int) -> Surface:
         """Return `first`, if any, and this surface, with particle indices increased by `particles`, as one."""
         own = replace(self, particle=self.particle + np.int32(particles))

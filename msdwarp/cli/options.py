@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from .results import overlay_path
 
 if TYPE_CHECKING:
-    from ..world import Look
+    from ..world import Look, Plane
 
 # Flags that several commands share, with their help.
 Flag = Annotated[bool, Parameter(negative=())]
@@ -96,11 +96,34 @@ class Pictures(CameraOptions):
     set by the scene."""
     full_strain: float | None = None
     """Strain at the ends of the color scale. Default: set by the scene, or fitted to the run."""
+    cut: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    """Cut the bodies by a plane, and show what is inside: its normal and its offset [m], such as 0,-1,0 or
+    0,0,1,0.5. What is above it at the start is not drawn. Default: set by the scene, or no cut."""
     arrows: Flag = False
     """Draw contact forces as arrows, in front of the bodies."""
     renderer: RendererName = "auto"
     """Renderer: opengl (PyVista), raster (on the CPU), raycast (on a GPU if there is one), or auto: raycast if the
     simulation runs on a GPU, else opengl if a graphics card draws it, else raster."""
+
+    @property
+    def plane(self) -> "Plane | None":
+        """The plane that cuts the bodies, if one is given; raise ValueError if it is none."""
+        if self.cut is None:
+            return None
+        from ..world import Plane
+
+        try:
+            x, y, z, *offset = map(float, self.cut.split(","))
+            (offset,) = offset or [0.0]
+            return Plane((x, y, z), offset)
+        except ValueError as error:
+            raise ValueError(
+                f"cut is {self.cut!r}; it must be X,Y,Z or X,Y,Z,OFFSET, such as 0,-1,0 or 0,0,1,0.5"
+            ) from error
+
+    def aimed(self, look: "Look") -> "Look":
+        """Return a scene's look, with the camera and the cut that these flags set."""
+        return super().aimed(look if self.cut is None else replace(look, cut=self.plane))
 
     @property
     def any(self) -> bool:
@@ -127,7 +150,7 @@ class Pictures(CameraOptions):
             raise ValueError(f"renderer is opengl, which cannot draw here; it must be another one or auto: {why}")
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
-        Look(**self.camera)  # checks the fields
+        Look(**self.camera, cut=self.plane)  # checks the fields
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(
                 f"overlay is {self.overlay}; it must be at most the number of frames drawn, {frame_count}"

@@ -13,9 +13,11 @@ from .. import checks
 from ..bodies import AXES, System, in_space
 from ..kernels.pictures import drawing
 from ..runtime import ReleasedInTurn, in_turn
+from ..shapes import Section
 from ..world import FINISHES, Look, Scene
 from .collider_meshes import meshes, walls
 from .dressing import (
+    inside_color,
     inside_of,
     look_of_particles,
     look_of_triangles,
@@ -140,6 +142,9 @@ class Drawing(ReleasedInTurn):
     def _body_of(self, scene: Scene) -> list[Part]:
         """Return the parts that move with the particles, such as surfaces and springs, grouped by `Look`."""
         system, of_particle = scene.system, look_of_particles(scene)
+        section, plane = None, scene.look.cut
+        if plane is not None:
+            section = Section(system, plane.unit_normal(system.dim), plane.offset)
         surface = None if self.shows_strain else system.surface
         of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(scene, surface)
         obstacles = kept_off(scene)
@@ -149,12 +154,21 @@ class Drawing(ReleasedInTurn):
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
         if (between := system.between_neighbours) is not None:  # springs to second neighbours lie along two others
             drawn = drawn & between
+        kept = np.ones(len(drawn), dtype=bool) if section is None else section.kept
+        drawn = drawn & kept
         if self.shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
-            drawn = drawn & outermost_connections(system)
+            drawn = drawn & outermost_connections(system, kept)
         shown = np.flatnonzero(drawn)
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)
         of_bare = np.zeros(0) if tears is None else look_of_triangles(scene, inside_of(tears.triangles))
+        parted_at, clipped, of_side = None if tears is None else tears.parted_at, None, np.zeros(0)
+        if surface is not None and section is not None:
+            clipped, solid = section.clip(surface), section.bounds_solid(surface)
+            of_side = np.where(solid, of_triangle, -1)[clipped.rim_of]
+            surface, source = clipped.surface, clipped.source
+            of_triangle, of_sheet = of_triangle[source], of_sheet[source]
+            parted_at = None if parted_at is None else parted_at[source]
         body: list[Part] = []
         for k, (name, look) in enumerate((("body", scene.look), *scene.looks.items())):
             before = len(body)
@@ -163,17 +177,24 @@ class Drawing(ReleasedInTurn):
                 if surface is None or not (mine := (of_triangle == k) & (of_sheet == bends)).any():
                     continue
                 part = part_of(surface, mine)
-                parted = None if tears is None else tears.parted_at[mine]
+                parted = None if parted_at is None else parted_at[mine]
                 parts = parted is not None and np.isfinite(parted).any()
                 flat = SurfacePart(part, finish, look.smooth, self.device, parted if parts else None)
                 corners = part.points(system.position)[part.triangles]
                 body.append(Sheet(flat, corners, system.pinned, obstacles, self.device) if bends else flat)
+            crumb = Finish(inside_color(look))
             if tears is not None and (bare := of_bare == k).any():
-                crumb = Finish(np.array(checks.color("inside", look.inside or look.color)))
-                times = tears.until[bare], tears.since[bare]
-                body.append(SurfacePart(inside_of(tears.triangles[bare]), crumb, False, self.device, *times))
+                faces, times = inside_of(tears.triangles[bare]), (tears.until[bare], tears.since[bare])
+                if section is not None:
+                    faces, source, *_ = section.clip(faces)
+                    times = times[0][source], times[1][source]
+                body.append(SurfacePart(faces, crumb, False, self.device, *times))
+            if clipped is not None and section is not None and (of_side == k).any():
+                inside, until = section.inside(clipped, of_side == k)
+                if inside is not None:
+                    body.append(SurfacePart(inside, crumb, True, self.device, until))
             own = shown[of_connection == k]
-            particles = np.flatnonzero(of_particle == k)
+            particles = np.flatnonzero(of_particle == k if section is None else (of_particle == k) & section.below)
             if self._plain_tubes and len(own) + len(particles):
                 body += self._tubes_and_balls(system, look, own, particles)
             elif len(own):

@@ -7,8 +7,9 @@ A triangle is in a group if all its corners are, as for loads.
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import checks
 from ..bodies import Bare, Edges, Surface, System, laid_bare, mask_of, pieces
-from ..world import Scene
+from ..world import Look, Scene
 
 
 def look_of_particles(scene: Scene) -> NDArray[np.int32]:
@@ -23,14 +24,8 @@ def look_of_triangles(scene: Scene, surface: Surface) -> NDArray[np.int32]:
     """Return the number of each triangle's look, shape [triangle_count]."""
     look, count = np.zeros(len(surface.triangles), dtype=np.int32), scene.system.particle_count
     for k, name in enumerate(scene.looks, start=1):
-        look[triangles_in(surface, mask_of(scene.system.groups[name], count))] = k
+        look[surface.triangles_in(mask_of(scene.system.groups[name], count))] = k
     return look
-
-
-def triangles_in(surface: Surface, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which triangles have all corners among chosen particles, shape [particle_count]."""
-    particle, weights = surface.mixture
-    return (chosen[particle] | (weights == 0)).all(axis=1)[surface.triangles].all(axis=1)
 
 
 def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
@@ -69,6 +64,13 @@ def inside_of(triangles: NDArray[np.int32]) -> Surface:
     return Surface(particle=particle, uv=np.zeros((len(particle), 2)), triangles=corner.reshape(-1, 3))
 
 
+def inside_color(look: Look) -> NDArray[np.float64]:
+    """Return the color of what is inside a body, 0 … 1, shape [3]: that of the look, or of the body's surface."""
+    if look.inside is None and look.texture is not None:
+        return np.asarray(look.texture).mean(axis=(0, 1)) / 255
+    return np.array(checks.color("inside", look.inside or look.color))
+
+
 def uncovered(system: System) -> NDArray[np.bool_]:
     """Return a mask of springs outside bodies with surfaces, shape [connection_count]: ropes, ties between bodies.
 
@@ -101,18 +103,19 @@ def uncovered(system: System) -> NDArray[np.bool_]:
     return bare
 
 
-def outermost_connections(system: System) -> NDArray[np.bool_]:
-    """Return a mask of the springs on the outside of bodies, shape [connection_count].
+def outermost_connections(system: System, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return a mask of the springs on the outside of bodies, where those that are not `kept` are cut off.
 
-    They join particles of the surface, or are of a body without; if the surface is embedded in a lattice or
-    missing, they join particles with fewer neighbours than others.
+    Both have the shape [connection_count]. The springs join particles of the surface, or where others are cut off,
+    or are of a body without surface; if the surface is embedded in a lattice or missing, they join particles with
+    fewer neighbours than others.
     """
     connections, surface = system.connections, system.surface
     if surface is not None and surface.weights is None:
         outside = mask_of(surface.particle, system.particle_count)
-        outside[connections[uncovered(system)]] = True
+        outside[connections[uncovered(system) | ~kept]] = True
     else:
-        neighbours = np.bincount(connections.ravel(), minlength=system.particle_count)
+        neighbours = np.bincount(connections[kept].ravel(), minlength=system.particle_count)
         outside = neighbours < neighbours.max()
     chosen = np.asarray(outside[connections].all(axis=1))
     return chosen if chosen.any() else np.ones(len(connections), dtype=bool)

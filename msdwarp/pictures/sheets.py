@@ -12,7 +12,6 @@ from ..kernels.colliders.signed_distance import KINDS
 from ..kernels.pictures import sheets
 from ..world import Collider, Scene
 from .collider_meshes import pose_in_space
-from .dressing import triangles_in
 from .parts import Part, SurfacePart
 
 MOST_PIECES = 8
@@ -84,7 +83,7 @@ def triangles_of_sheets(system: System) -> NDArray[np.bool_]:
     vertices = np.unique(facets.corner[~facets.closed])
     on_sheet[facets.particle[vertices][facets.weight[vertices] != 0]] = True
     assert system.surface is not None
-    return triangles_in(system.surface, on_sheet)
+    return system.surface.triangles_in(on_sheet)
 
 
 def divided_triangle(pieces: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,10 +1,11 @@
-"""Functions that create systems: lattices, round solids, outlines, meshes, and joined bodies."""
+"""Functions that create systems: lattices, round solids, outlines, meshes, joined bodies; sections of bodies."""
 
 from .joining import join
 from .lattices import box, chain, lattice, sheet
 from .meshes import from_mesh
 from .outlines import cloth
 from .rods import rod
+from .sections import Section
 from .shells import icosphere, shell
 from .solids import ball, cone, cylinder
 from .viscoelastic import viscoelastic

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
+from .colliders import Plane
 
 OF_BODIES = ("color", "inside", "texture", "smooth", "gloss", "finish", "particles", "tube")
 """Fields that a body can set for itself; the others belong to the whole picture."""
@@ -69,7 +70,8 @@ class Look:
         without surface have it if this, `gloss` or `finish` is not the default; else they are colored by their
         strain.
     inside
-        Color of the fracture surfaces of a torn solid, "#rrggbb". None: the color of the body.
+        Color of what is inside a solid that is torn or cut, "#rrggbb". None: that of the body, or the mean of its
+        texture.
     texture
         Image on the surface, mapped by texture coordinates, uint8 of shape [height, width, 3].
     smooth
@@ -103,6 +105,11 @@ class Look:
         Image on the colliders; `msdwarp.pictures.collider_meshes.mesh_of` describes its mapping.
     obstacle_gloss
         Strength of highlights on solid colliders, 0 … 1. The ground has none.
+    cut
+        A fixed `Plane` that cuts the bodies where they are at the start: what is above it is not drawn. The
+        section through solids shows what is inside, in the color `inside` or in those of values, and moves with
+        the bodies. Of connections, such as ropes, those are drawn that have both ends below. Obstacles are not
+        cut. None: no cut.
     strain
         Color connections by strain, unless a run requests the texture.
     full_strain
@@ -132,6 +139,7 @@ class Look:
     obstacle: str = "#c9c3ba"
     obstacle_texture: NDArray[np.uint8] | None = None
     obstacle_gloss: float = 0.1
+    cut: Plane | None = None
     strain: bool = False
     full_strain: float | None = None
     particles: bool | None = None
@@ -169,6 +177,10 @@ class Look:
         if (np.diff(times) <= 0).any():
             raise ValueError(f"path has the times {times.tolist()}; each must be later than the one before")
         _ = self.views  # checks the path
+        if self.cut is not None:
+            checks.instance("cut", self.cut, Plane, "Plane((0, -1, 0))")
+            if self.cut.motion is not None:
+                raise ValueError("cut is a plane with a motion; it must be a fixed one")
         checks.one_of("strain", self.strain, (False, True))
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)

@@ -81,6 +81,8 @@ class Scene(Problem):
         checks.instance("look", self.look, Look, "Look(color='#d9603b')")
         if self.look.follow is not None:
             checks.one_of("look.follow", self.look.follow, self.system.groups)
+        if self.look.cut is not None and (wrong := self.look.cut.fits(self.system.dim)) is not None:
+            raise ValueError(f"look.cut: {wrong}")
         object.__setattr__(self, "looks", self._checked_looks())
         object.__setattr__(self, "observe", dict(checks.mapping("observe", self.observe)))
         for name, one in self.observe.items():

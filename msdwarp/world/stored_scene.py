@@ -22,7 +22,7 @@ _COLLIDERS = {kind.__name__: kind for kind in (Plane, Sphere, Box, Capsule, Cone
 _TEXTURES = ("texture", "obstacle_texture")
 _COLOR = "colour"
 """The name in files of a look's `color`, which it had before 0.3."""
-_LATER = ("target", "distance", "follow", "field_of_view", "path", "finish")
+_LATER = ("target", "distance", "follow", "field_of_view", "path", "finish", "cut")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +99,8 @@ def _look_as_stored(look: Look, place: str, arrays: dict[str, NDArray]) -> dict[
         if image is not None:
             arrays[f"{place}/{name}"] = np.asarray(image)
     values[_COLOR] = values.pop("color")
+    if look.cut is not None:
+        values["cut"] = _collider_as_stored(look.cut, f"{place}/cut", np.zeros(0), arrays)
     # Earlier versions open files of scenes that use nothing later.
     values["path"] = [asdict(one) for one in look.path] or look.path
     return {
@@ -110,7 +112,8 @@ def _look(described: Mapping[str, Any], place: str, arrays: Mapping[str, NDArray
     textures = {name: arrays[f"{place}/{name}"] for name in _TEXTURES if f"{place}/{name}" in arrays}
     path = [Viewpoint(**one) for one in described.get("path", [])]
     values = {"color" if name == _COLOR else name: value for name, value in described.items()}
-    return Look(**{**values, **textures, "path": path})
+    cut = described.get("cut")
+    return Look(**{**values, **textures, "path": path, "cut": cut and _collider(cut, arrays)})
 
 
 def _collider_as_stored(

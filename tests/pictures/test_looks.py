@@ -7,7 +7,7 @@ from backends import BACKENDS
 
 import msdwarp as msd
 from msdwarp.pictures.drawing import ColorScale, Drawing
-from msdwarp.pictures.dressing import part_of, triangles_in, uncovered
+from msdwarp.pictures.dressing import part_of, uncovered
 from msdwarp.pictures.parts import Balls, Finish, SurfacePart, Tubes
 
 SIZE = (160, 120)
@@ -181,7 +181,7 @@ def test_strain_is_shown_on_round_ropes_whose_balls_do_not_stick_out():
 def test_a_part_of_a_surface_is_that_part():
     surface = (BALL + CLOTH).surface
     assert part_of(surface, np.ones(len(surface.triangles), dtype=bool)) is surface
-    chosen = triangles_in(surface, np.arange((BALL + CLOTH).particle_count) < BALL.particle_count)
+    chosen = surface.triangles_in(np.arange((BALL + CLOTH).particle_count) < BALL.particle_count)
     part, position = part_of(surface, chosen), (BALL + CLOTH).position
     np.testing.assert_array_equal(
         part.points(position)[part.triangles], surface.points(position)[surface.triangles[chosen]]

@@ -61,7 +61,7 @@ def test_a_rope_beside_a_solid_of_many_springs_shows_its_strain():
     solid, rope = box((13, 13, 13), 0.1), chain(5, 0.1).translate((0, 0, 2))
     both, count = solid + rope, solid.connection_count
     assert count > MOST_TUBES  # of so many only those outside are drawn
-    chosen = outermost_connections(both)
-    np.testing.assert_array_equal(chosen[:count], outermost_connections(solid))
+    chosen = outermost_connections(both, np.ones(both.connection_count, dtype=bool))
+    np.testing.assert_array_equal(chosen[:count], outermost_connections(solid, np.ones(count, dtype=bool)))
     assert chosen[count:].all()
     assert 0 < chosen[:count].sum() < count
