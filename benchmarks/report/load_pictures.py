@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import msdwarp as msd
+from msdwarp.bodies import stress, von_mises
 from msdwarp.pictures.timelapse import timelapse
 from msdwarp.studies.plots import BLUE, DARK, RED
 from msdwarp.textures import gingham
@@ -135,6 +136,18 @@ def finishes() -> NDArray[np.uint8]:
     return np.concatenate(rows)
 
 
+def section() -> NDArray[np.uint8]:
+    """Return two balls in a press, cut in half, in the colors of their stress."""
+    scene = scene_scripts()["press"].build()
+    scene = scene.replace(look=dataclasses.replace(scene.look, cut=msd.Plane((0, -1, 0))))
+    simulation = msd.Simulation.from_scene(scene, device="cpu")
+    *_, last = simulation.frames(1.2)
+    values = von_mises(stress(simulation.snapshot()))
+    scale = msd.ColorScale("von Mises stress [Pa]", 40e3)
+    renderer = msd.Renderer(scene, last.position, resolution=(960, 400), coloring=scale)
+    return renderer.image(last.position, last.time, values)
+
+
 def probe() -> NDArray[np.uint8]:
     """Return a plot of what the ground pushes a soft cube with that is dropped on it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -180,6 +193,7 @@ PICTURES: dict[str, Callable[[], NDArray[np.uint8]]] = {
     "probe": probe,
     "looks": looks,
     "finishes": finishes,
+    "section": section,
 }
 
 

@@ -42,9 +42,11 @@ class CameraOptions:
     elevation: float | None = None
     """Camera angle above the horizon [degrees]. Default: set by the scene."""
     target: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
-    """Point in the middle of the picture, such as 0,0,0.5 [m]. Default: set by the scene, or fitted to the run."""
+    """Point in the middle of the picture, such as 0,0,0.5 [m]. Default: set by the scene, or fitted to the run;
+    bodies that travel are followed."""
     distance: float | None = None
-    """Distance of the camera from the target [m]. Default: set by the scene, or so that everything is in view."""
+    """Distance of the camera from the target [m]. Default: set by the scene, or so that all that moves is in
+    view."""
     field_of_view: float | None = None
     """Vertical field of view of the camera [degrees]. Default: set by the scene, or 30."""
     follow: str | None = None

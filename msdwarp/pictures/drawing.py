@@ -162,13 +162,14 @@ class Drawing(ReleasedInTurn):
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)
         of_bare = np.zeros(0) if tears is None else look_of_triangles(scene, inside_of(tears.triangles))
-        parted_at, clipped, of_side = None if tears is None else tears.parted_at, None, np.zeros(0)
+        parted_at, inside, until = None if tears is None else tears.parted_at, None, None
         if surface is not None and section is not None:
-            clipped, solid = section.clip(surface), section.bounds_solid(surface)
-            of_side = np.where(solid, of_triangle, -1)[clipped.rim_of]
+            clipped = section.clip(surface)
             surface, source = clipped.surface, clipped.source
             of_triangle, of_sheet = of_triangle[source], of_sheet[source]
             parted_at = None if parted_at is None else parted_at[source]
+            inside, until = section.inside(clipped)
+        of_inside = np.zeros(0) if inside is None else look_of_triangles(scene, inside)
         body: list[Part] = []
         for k, (name, look) in enumerate((("body", scene.look), *scene.looks.items())):
             before = len(body)
@@ -189,10 +190,9 @@ class Drawing(ReleasedInTurn):
                     faces, source, *_ = section.clip(faces)
                     times = times[0][source], times[1][source]
                 body.append(SurfacePart(faces, crumb, False, self.device, *times))
-            if clipped is not None and section is not None and (of_side == k).any():
-                inside, until = section.inside(clipped, of_side == k)
-                if inside is not None:
-                    body.append(SurfacePart(inside, crumb, True, self.device, until))
+            if inside is not None and (mine := of_inside == k).any():
+                last = None if until is None else until[mine]
+                body.append(SurfacePart(part_of(inside, mine), crumb, True, self.device, last))
             own = shown[of_connection == k]
             particles = np.flatnonzero(of_particle == k if section is None else (of_particle == k) & section.below)
             if self._plain_tubes and len(own) + len(particles):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies import Surface, System, cells_of, connection_between, in_space, mask_of
+from ..bodies import Surface, System, cells_of, connection_between, in_space, mask_of, pieces
 
 FINE, APART = 0.6, 0.4
 """Largest distance of points on the rim of a section, and least distance of points inside from it, over the
@@ -27,9 +27,7 @@ class Clipped(NamedTuple):
     source: NDArray[np.intp]
     """The triangle of the whole surface that each one is part of, shape [triangle_count]."""
     rim: NDArray[np.int32]
-    """Vertices of the sides that lie in the plane, along the outline of what is left, shape [any, 2]."""
-    rim_of: NDArray[np.intp]
-    """The triangle of the whole surface that each side is of, shape [any]."""
+    """Vertices of the sides in the plane that bound sections of solids, along their outlines, shape [any, 2]."""
 
 
 class Section:
@@ -43,8 +41,10 @@ class Section:
         self.height = in_space(system.position, np.float64) @ self.normal - offset
         """Height of each particle above the plane [m], shape [particle_count]."""
         cells = cells_of(system) if system.dim == 3 else np.zeros((0, 8), dtype=np.int64)
-        self._cells = cells
         self._solid = mask_of(cells, system.particle_count)
+        ends = cells[:, EDGES][np.diff(self.below[cells[:, EDGES]], axis=2)[..., 0]]
+        self._edges = np.unique(np.sort(ends, axis=1), axis=0)
+        """Particles at the ends of the edges of cells that the plane cuts, shape [any, 2]."""
 
     @property
     def below(self) -> NDArray[np.bool_]:
@@ -60,6 +60,7 @@ class Section:
         """Return the part of a surface that is not above the plane."""
         particle, weights = surface.mixture
         height = (weights * self.height[particle]).sum(axis=1)
+        of_solid = surface.triangles_in(self._solid)
         corners, above = surface.triangles.astype(np.int64), height[surface.triangles] > 0
         count = above.sum(axis=1)
         whole, source = np.flatnonzero(count == 0), np.arange(len(corners))
@@ -92,56 +93,59 @@ class Section:
             else np.concatenate([surface.normal_of, len(height) + np.arange(len(pairs))]),
         )
         rim = np.concatenate([np.stack([q[:n], p[:n]], axis=1), np.stack([p[n:], q[n:]], axis=1)])
-        return Clipped(surface, np.concatenate([whole, one, one, two]), rim.astype(np.int32), cut)
+        return Clipped(surface, np.concatenate([whole, one, one, two]), rim[of_solid[cut]].astype(np.int32))
 
-    def bounds_solid(self, surface: Surface) -> NDArray[np.bool_]:
-        """Return which triangles of a surface have a solid behind them, shape [triangle_count]."""
-        return surface.triangles_in(self._solid)
+    def inside(self, clipped: Clipped) -> tuple[Surface | None, NDArray[np.float64] | None]:
+        """Return the triangles in the plane within solids, None if there are none.
 
-    def inside(self, clipped: Clipped, of: NDArray[np.bool_]) -> tuple[Surface | None, NDArray[np.float64] | None]:
-        """Return the triangles in the plane within solids, bounded by a mask `of` sides of the rim; None if none.
-
-        Their corners are where the plane cuts edges of cells, and on the rim. If the system tears, also return
-        until when each is drawn [s]: until a connection breaks between its particles.
+        Their corners are where the plane cuts edges of cells, and on the outlines. If the system tears, also
+        return until when each is drawn [s]: until a connection breaks between its particles.
         """
-        rim = clipped.rim[of]
-        near = self.height[self._cells[:, EDGES]] > 0
-        edges = np.unique(np.sort(self._cells[:, EDGES][near[..., 0] != near[..., 1]], axis=1), axis=0)
-        if not len(rim) or not len(edges):
-            return None, None
+        body = pieces(self._system.particle_count, self._system.connections)
+        of_side, of_edge = (
+            body[one] for one in (clipped.surface.mixture[0][clipped.rim[:, 0], 0], self._edges[:, 0])
+        )
+        found = None
+        for one in np.unique(of_side):
+            part = self._inside_of(clipped.surface, clipped.rim[of_side == one], self._edges[of_edge == one])
+            found = found if part is None else part.behind(found, 0)
+        if found is None or not self._system.broken.any():
+            return found, None
+        return found, self._whole_until(found)
+
+    def _inside_of(self, surface: Surface, rim: NDArray[np.int32], edges: NDArray[np.int64]) -> Surface | None:
+        """Return the triangles within one body, given sides of its outline and the edges that the plane cuts."""
+        if not len(edges):
+            return None
         position = in_space(self._system.position, np.float64)
         spacing = float(np.median(np.linalg.norm(np.diff(position[edges], axis=1), axis=2)))
         share = self.height[edges[:, 0]] / (self.height[edges[:, 0]] - self.height[edges[:, 1]])
-        particle, weights = clipped.surface.mixture
-        sides = _divided((particle[rim], weights[rim]), position, FINE * spacing)
         crossed = edges.astype(np.int32), np.stack([1 - share, share], axis=1)
+        particle, weights = surface.mixture
+        sides = _divided((particle[rim], weights[rim]), position, FINE * spacing)
         axes = np.linalg.svd(self.normal[None])[2][1:]
         axes[0] *= np.sign(np.linalg.det([*axes, self.normal]))  # seen from above, the second is left of the first
-        axes = axes.T
 
         def flat(points: Mixture) -> NDArray[np.float64]:
-            return np.einsum("vk,vkd->vd", points[1], position[points[0]]) @ axes
+            return np.einsum("vk,vkd->vd", points[1], position[points[0]]) @ axes.T
 
         ends, middle = flat(sides).reshape(-1, 2, 2), flat(crossed)
-        _, once = np.unique(np.round(middle / spacing, 6), axis=0, return_index=True)
-        free = _distances(middle[once], ends[:, 0]) > APART * spacing
-        once = once[free & _within(middle[once], ends)]
         _, start = np.unique(np.round(ends[:, 0] / spacing, 6), axis=0, return_index=True)
+        _, once = np.unique(np.round(middle / spacing, 6), axis=0, return_index=True)
+        once = once[(_distances(middle[once], ends[:, 0]) > APART * spacing) & _within(middle[once], ends)]
         points = np.concatenate([ends[start, 0], middle[once]])
         triangles = _triangulated(points, spacing)
         triangles = triangles[_within(points[triangles].mean(axis=1), ends)]
         if not len(triangles):
-            return None, None
-        first = sides[0].reshape(len(ends), 2, -1)[start, 0], sides[1].reshape(len(ends), 2, -1)[start, 0]
+            return None
+        first = [one.reshape(len(ends), 2, -1)[start, 0] for one in sides]
         wider = ((0, 0), (0, first[0].shape[1] - 2))
-        mixed = np.pad(crossed[0][once], wider, mode="edge"), np.pad(crossed[1][once], wider)
-        surface = Surface(
-            particle=np.concatenate([first[0], mixed[0]]),
-            weights=np.concatenate([first[1], mixed[1]]),
+        return Surface(
+            particle=np.concatenate([first[0], np.pad(crossed[0][once], wider, mode="edge")]),
+            weights=np.concatenate([first[1], np.pad(crossed[1][once], wider)]),
             uv=np.zeros((len(points), 2)),
             triangles=triangles,
         )
-        return surface, self._whole_until(surface) if self._system.broken.any() else None
 
     def _whole_until(self, surface: Surface) -> NDArray[np.float64]:
         """Return the time when the first connection breaks between particles of each triangle, or inf [s]."""
@@ -193,6 +197,8 @@ def _within(points: NDArray, sides: NDArray) -> NDArray[np.bool_]:
 
 def _triangulated(points: NDArray, spacing: float) -> NDArray[np.int32]:
     """Return Delaunay's triangles of points, shape [any, 2], counter-clockwise: indices of shape [any, 3]."""
+    if len(points) < 3:
+        return np.zeros((0, 3), dtype=np.int32)
     pyvista = importlib.import_module("pyvista")
     # Points of a lattice lie on common circles, where the triangulation is not unique.
     moved = points + 1e-4 * spacing * np.random.default_rng(0).uniform(-1, 1, points.shape)

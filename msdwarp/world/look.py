@@ -88,7 +88,8 @@ class Look:
         Point in the middle of the picture [m], shape [3]. None: fitted to the run, or, if the bodies travel, their
         middle.
     distance
-        Distance of the camera from the target [m]. None: everything is in view.
+        Distance of the camera from the target [m]. None: all that moves is in view, with fixed obstacles, of which
+        large ones are in view in part; or the bodies at their time, if they travel.
     field_of_view
         Vertical angle of view of the camera [degrees].
     follow

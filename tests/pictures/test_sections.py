@@ -85,6 +85,17 @@ def test_inside_is_seen_in_its_color(backend):
         np.testing.assert_allclose(color / color.max(), np.array(checks.color("", "#2040c0")) / 0.7529, atol=0.02)
 
 
+def test_a_look_of_a_part_colors_its_part_of_the_section():
+    left = BOX.replace(groups={"left": np.flatnonzero(BOX.position[:, 0] < 0)})
+    scene = msd.Scene(system=left, look=msd.Look(cut=AXIS), looks={"left": msd.Look(inside="#2040c0")})
+    drawing = Drawing(scene, "texture")
+    drawing.follow(BOX.position)
+    assert volume_and_plane_area(drawing, AXIS.unit_normal(3))[1] == pytest.approx(1.0, abs=1e-5)
+    blue = drawing.colors.numpy()[:, 2] > 0.7
+    corners = drawing.points.numpy()[blue]
+    np.testing.assert_allclose([corners[:, 0].min(), corners[:, 0].max()], [-0.5, -0.1], atol=1e-6)
+
+
 def test_shells_and_sheets_have_no_inside_and_ropes_end():
     shell, rope = msd.shell(msd.icosphere(0.5, 2)), msd.chain(5, 0.1).rotate(np.pi / 2)
     hollow = cut(shell, AXIS)
