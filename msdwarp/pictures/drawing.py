@@ -106,6 +106,8 @@ class Drawing(ReleasedInTurn):
         for part in self.obstacles:
             part.name = "obstacle"
         parts = [*self.body, *self.obstacles]
+        if look.cut is not None and not self.body:
+            raise ValueError(f"look.cut is {look.cut}, which leaves nothing to draw; it must leave something")
         self.radius = max(part.radius for part in parts)
         """Reach of what is drawn around the particles [m]; triangles are drawn down to it below the ground."""
 

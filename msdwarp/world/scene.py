@@ -81,8 +81,13 @@ class Scene(Problem):
         checks.instance("look", self.look, Look, "Look(color='#d9603b')")
         if self.look.follow is not None:
             checks.one_of("look.follow", self.look.follow, self.system.groups)
-        if self.look.cut is not None and (wrong := self.look.cut.fits(self.system.dim)) is not None:
-            raise ValueError(f"look.cut: {wrong}")
+        if (cut := self.look.cut) is not None:
+            if (wrong := cut.fits(self.system.dim)) is not None:
+                raise ValueError(f"look.cut: {wrong}")
+            if (self.system.position @ cut.unit_normal(self.system.dim) > cut.offset).all():
+                raise ValueError(
+                    f"look.cut is {cut}, and all bodies are above it; it must leave something of them"
+                )
         object.__setattr__(self, "looks", self._checked_looks())
         object.__setattr__(self, "observe", dict(checks.mapping("observe", self.observe)))
         for name, one in self.observe.items():

@@ -10,7 +10,6 @@ from msdwarp import checks
 from msdwarp.cli.options import Pictures
 from msdwarp.pictures import Drawing
 from msdwarp.pictures.parts import Tubes
-from msdwarp.shapes import Section
 from msdwarp.world.stored_scene import scene_as_stored, scene_from_stored
 
 SIZE = (320, 180)
@@ -121,10 +120,12 @@ def test_a_section_parts_where_its_body_is_torn():
         assert (width > 1.0) == (longest > 1.0)
 
 
-def test_a_plane_that_meets_no_body_cuts_nothing_and_one_above_all_leaves_nothing():
-    assert len(cut(BOX, msd.Plane((0, 0, 1), 9.0)).triangles) == len(BOX.surface.triangles)
-    section = Section(BOX, np.array([0.0, 0.0, 1.0]), -9.0)
-    assert not len(section.clip(BOX.surface).surface.triangles)
+@pytest.mark.parametrize("coloring", ["texture", "strain"])
+def test_a_plane_above_all_bodies_cuts_nothing_and_one_below_is_refused(coloring):
+    drawings = [cut(BOX, plane, coloring) for plane in (None, msd.Plane((0, 0, 1), 9.0))]
+    assert len(drawings[0].triangles) == len(drawings[1].triangles)
+    with pytest.raises(ValueError, match=r"look.cut is Plane.* all bodies are above it"):
+        cut(BOX, msd.Plane((0, 0, 1), -9.0), coloring)
 
 
 def test_a_cut_is_stored_and_given_by_a_flag():
