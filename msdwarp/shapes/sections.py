@@ -54,7 +54,7 @@ class Section:
     @property
     def kept(self) -> NDArray[np.bool_]:
         """Mask of the connections neither of whose ends is above the plane, shape [connection_count]."""
-        return self.below[self._system.connections].all(axis=1)
+        return np.asarray(self.below[self._system.connections].all(axis=1))
 
     def clip(self, surface: Surface) -> Clipped:
         """Return the part of a surface that is not above the plane."""
