@@ -66,6 +66,8 @@ def following(look: Look, outermost: Sequence[NDArray], times: NDArray, aspect: 
     """
     if look.path or look.follow is not None or (look.target, look.distance) != (None, None):
         return look
+    if len(times) < 2 or np.diff(times).min() <= 0:
+        return look
     frames = [in_space(one, np.float64) for one in outermost]
     near = max(Camera.that_sees(one, look, aspect).distance for one in frames)
     if Camera.that_sees(np.concatenate(frames), look, aspect).distance < TRAVELS * near:
@@ -80,14 +82,16 @@ def following(look: Look, outermost: Sequence[NDArray], times: NDArray, aspect: 
     step, reach = max(1, round(wide / 2)), int(3 * wide)
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / wide) ** 2)
     # One viewpoint before the first frame and one behind the last: the camera would be at rest there.
-    around = np.pad(middle, ((reach + step, reach + 2 * step), (0, 0)), "reflect", reflect_type="odd")
+    beyond: Any = {"mode": "reflect", "reflect_type": "odd"}
+    around = np.pad(middle, ((reach + step, reach + 2 * step), (0, 0)), **beyond)
+    moments = np.pad(np.asarray(times, dtype=float), (step, 2 * step), **beyond)
     path = np.stack([np.convolve(one, weight / weight.sum(), "valid") for one in around.T], axis=1)
     camera, targets = Camera.that_sees(frames[0], look, aspect), path[step : step + last + 1]
     distance = AWAY * max(
         camera.aimed(target, None, points, aspect).distance for target, points in zip(targets, frames, strict=True)
     )
     seen_from = [
-        Viewpoint(time=float(times[0] + (k - step) * passed / last), target=tuple(path[k].tolist()))
+        Viewpoint(time=float(moments[k]), target=tuple(path[k].tolist()))
         for k in range(0, last + 2 * step + 1, step)
     ]
     return replace(look, distance=distance, path=seen_from)
