@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import fully_hashed, vector
+from ..basis import fast_kernel, fully_hashed, kernel, vector
 from ..colliders.collide import NO_COLLIDERS, ColliderTerm
 from ..compensation import compensated_sum
 from ..effect import Driving, ForceTerm, instant
@@ -40,6 +40,11 @@ class Composition(NamedTuple):
     def selective(self) -> list[ForceTerm]:
         """The effects whose forces act on some particles only; effect k uses bit k of a particle's mask."""
         return [piece for piece in self.pieces if piece.selective]
+
+    @property
+    def kernel(self) -> Any:
+        """How kernels of stages are declared: as those of contact, so that one launch of all does the same."""
+        return fast_kernel if any(piece.field == "body_contact" for piece in self.pieces) else kernel
 
     @property
     def timed(self) -> bool:

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import fast_kernel, kernel
 from ..places import arrays_of, on_device
 from ..springs.fracture import NO_SUBSTEP
 from ..threads import Part, barrier, wait, wait_in_block
@@ -145,6 +144,5 @@ def persistent(
             pause(part)
 
     if in_worlds:
-        return kernel(take_stages, launch_bounds=(block, max(1, together // block)))
-    declare = kernel if before is NOTHING_BEFORE else fast_kernel
-    return declare(take_stages, launch_bounds=MOST_THREADS, cluster_dim=blocks)
+        return composition.kernel(take_stages, launch_bounds=(block, max(1, together // block)))
+    return composition.kernel(take_stages, launch_bounds=MOST_THREADS, cluster_dim=blocks)
