@@ -145,7 +145,7 @@ def draw_backdrop(
 
 @wp.func
 def light_on_ground(view: Surroundings, shadows: DepthMap, x: float, y: float, around: float) -> float:
-    """Return the share of the key light on the ground at (x, y) in the picture; 1 outside the ground."""
+    """Return the fraction of the key light on the ground at (x, y) in the picture; 1 outside the ground."""
     way = view.corner + x * view.across + y * view.down
     t, _uv = meets_ground(view, way)
     if t > 0.0 and view.shadows == 1:
@@ -196,7 +196,7 @@ def shade_triangle(
 ):
     """Return the shading of a triangle at (x, y) in the picture.
 
-    Namely: brightness of its color, highlights, share of the key light, color if it has no texture, texture
+    Namely: brightness of its color, highlights, fraction of the key light, color if it has no texture, texture
     coordinates and their change per pixel across and down, height above the ground there and the lowest within a
     pixel, how far the normal turns from one pixel to the next, and opacity.
     """
@@ -252,7 +252,10 @@ def shade_triangle(
 def mean_texel(
     body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y: float, covered: int
 ) -> wp.vec3:
-    """Return the texture's mean color at the points `covered` (bits) of a pixel; (x, y) in it maps to `at`."""
+    """Return the texture's mean color at those points of a pixel that `covered` has, as bits.
+
+    Texture coordinates are `at` where the pixel has (x, y); per pixel they change by `across` and `down`.
+    """
     color = wp.vec3()
     for p in range(4):
         if (covered >> p) & 1 == 1:
@@ -264,7 +267,7 @@ def mean_texel(
 def shade_pixel(
     body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
 ):
-    """Draw triangles and their shadow on the ground in one pixel; each is shaded at its covered points' mean."""
+    """Draw triangles and their shadow on the ground in one pixel; each is shaded at the mean of its points."""
     faces = faces_at(nearest, row, column, 4)
     for q in range(4):
         if faces[q] >= 0:

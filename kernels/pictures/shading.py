@@ -147,7 +147,7 @@ def nearest_texel(image: wp.array2d(dtype=wp.vec3ub), uv: wp.vec2) -> wp.vec3:
 
 @wp.func
 def height(view: Surroundings, spot: wp.vec3) -> float:
-    """Return the height of a point above the ground [m]; 0 if there is none."""
+    """Return the height of a point above the ground [m]; 0 without a ground."""
     return wp.dot(spot - view.ground_centre, view.ground_normal)
 
 
@@ -161,7 +161,7 @@ def surroundings_at(upwards: float) -> float:
 
 @wp.func
 def visible_light(body: Body, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
-    """Return the visible share of `count` points of the key light, starting at `first`."""
+    """Return the visible fraction of `count` points of the key light, starting at `first`."""
     if view.shadows == 0:
         return 1.0
     hidden = int(0)
@@ -191,8 +191,8 @@ def light_on(
 ):
     """Return the brightness of a surface's color, highlights, and opacity; see `msdwarp/pictures/light.py`.
 
-    `normal` is that of the visible side; `arrives` is the share of the key light that reaches it, and `above` the
-    height above the ground [m].
+    `normal` is that of the visible side; `arrives` is the fraction of the key light that reaches it, and `above`
+    the height above the ground [m].
     """
     from_ground = view.bounce * (1.0 - view.contact / (wp.max(above, 0.0) + view.contact + 1.0e-30))
     diffuse = view.sky + 0.5 * (1.0 - normal[2]) * (from_ground - view.sky)
@@ -230,7 +230,7 @@ def light_on(
 
 @wp.func
 def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
-    """Return the color of the body where the ray hit it, the share of the key light that reaches it, and opacity.
+    """Return the color of the body where the ray hit it, the fraction of the key light there, and opacity.
 
     Phong's shading, for both sides. If triangles approximate a smooth surface, a ray towards the light starts on
     that surface, since the triangles' own shadow would be jagged at grazing light (J. Hanika, "Hacking the shadow
@@ -285,8 +285,8 @@ def ray_shader(through_glass: bool):
     def shade_ray(body: Body, glass: Body, view: Surroundings, column: float, row: float, first: int, count: int):
         """Return the color at a point of the picture, in pixels from its upper left, and the light there.
 
-        That is the visible share of `count` points of the key light, from `first` on. Only the nearest glass is
-        drawn.
+        The light is the visible fraction of `count` points of the key light, from `first` on. Of several glasses
+        behind each other only the nearest is drawn.
         """
         ray = wp.normalize(view.corner + column * view.across + row * view.down)
         color = view.background

@@ -20,7 +20,7 @@ COLOR = (0.0, 0.62, 0.66)
 
 
 class Arrows:
-    """Arrows at particles along the forces on them, proportional to the force up to the `full` one [N]."""
+    """Arrows at particles along the forces on them; their lengths grow with the force up to `full` [N]."""
 
     def __init__(self, full: float, particle_count: int, stage: Stage, device: str = "cpu") -> None:
         self.full = checks.positive("arrows", full)

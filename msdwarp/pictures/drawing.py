@@ -65,14 +65,22 @@ class ColorScale(NamedTuple):
 class Drawing(ReleasedInTurn):
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
-    These are the system's surface, and a tube along each spring of bodies without surface, or between bodies.
-    If `coloring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
-    spring and, in small systems, a ball at each particle. Solid colliders come last. Springs are not drawn
-    once they are broken by the system's `broken_at`. `points`, `normals` and `colors` are float32 of shape
-    [vertex_count, 3], `gloss`, `closed`, `takes_shadows`, `finish` (a number of `FINISHES`) and `glass` (whether
-    one sees through it) of [triangle_count]. `body` are the parts that follow the particles, `obstacles` those of
-    the colliders. `scale` is the scale of the colors, `stops` the colors along it: of values of the particles or
-    of the strain of springs; None if colors show no quantity.
+    Drawn are the system's surface, and tubes along springs between bodies or of bodies without surface. If colors
+    show strain, or there is neither a surface nor a look of a group, tubes along all springs are drawn instead,
+    and in small systems balls at particles. Solid colliders come last. A spring disappears when it breaks
+    (`System.broken_at`).
+
+    Attributes
+    ----------
+    points, normals, colors
+        Of the vertices, Warp arrays of vec3, shape [vertex_count].
+    gloss, closed, takes_shadows, finish, glass
+        Of the triangles, shape [triangle_count]: the strength of highlights, whether back faces are hidden,
+        whether shadows fall on it, its number in `FINISHES`, and whether one sees through it.
+    body, obstacles
+        The parts that follow the particles, and those of the colliders.
+    scale, stops
+        The `ColorScale`, None if colors show no quantity; and the colors evenly along a scale.
     """
 
     @in_turn
@@ -184,7 +192,10 @@ class Drawing(ReleasedInTurn):
         return body
 
     def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:
-        """Return springs as thin tubes, with dark balls at particles of small systems; else ropes are round."""
+        """Return springs as thin tubes, with dark balls at the particles of small systems.
+
+        Without these balls ropes are round tubes, with balls in their color where tubes meet.
+        """
         unit, white = self._unit(system, look, shown), Finish(np.ones(3))
         few = system.particle_count <= MOST_BALLS
         dotted = look.particles or (look.particles is None and few)

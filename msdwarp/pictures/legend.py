@@ -46,7 +46,7 @@ def bar(height: int, scale: ColorScale, stops: Stops) -> Image.Image:
 
 @functools.lru_cache(maxsize=4)
 def arrow(height: int, label: str, share: float) -> Image.Image:
-    """Return an arrow whose length is `share` times the picture's height, with its label."""
+    """Return an arrow whose length is a `fraction` of the picture's height, with its label."""
     size, length = max(9, round(19 * height / 720)), share * height
     font = ImageFont.load_default(size)
     legend = Image.new("RGBA", (math.ceil(length + font.getlength(label) + 3 * size), 2 * size), VEIL)

@@ -6,7 +6,7 @@ A surface of color c, unit normal n and gloss g, seen from the direction v, has 
     d = SKY (1 + n·z)/2 + BOUNCE b (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0) + FILL max(n·f, 0).
 
 The unit vector z points up, l to the key light, h back along the camera's view, f to the fill light, p and q are l
-and h, mirrored at n, and e is the `shininess` of its roughness. The share s of the key light is visible from the
+and h, mirrored at n, and e is the `shininess` of its roughness. A fraction s of the key light is visible from the
 surface, 0 in full shadow; k = SHADED + (1 - SHADED) s of it arrives, since the surroundings scatter some. Near the
 ground a body hides the light from there: b = h / (h + a) at the height h, with CONTACT in a. The ground is unlit,
 and keeps SHADOW + (1 - SHADOW) s of its color.
@@ -16,7 +16,7 @@ their surroundings (`kernels/pictures/shading.py`) have, with i = 1 - n·v,
 
 - for cloth  c (d + t i²) + w,
 - for metal  c ((1 - m) d + m r + w),
-- for glass  o c d + f r + w, and (1 - o) (1 - f) (1 - w) of what is behind, where f is the share that it mirrors.
+- for glass  o c d + f r + w, and (1 - o) (1 - f) (1 - w) of what is behind, if it mirrors a fraction f.
 """
 
 import numpy as np

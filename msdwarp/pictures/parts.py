@@ -26,7 +26,11 @@ class Finish(NamedTuple):
 
 
 class Part:
-    """A set of triangles of a drawing; its vertices are a slice of each of the drawing's arrays."""
+    """A set of triangles of a drawing; its vertices are a slice of each of the drawing's arrays.
+
+    A part may consist of tubes, of balls, or of triangles that tear apart: its pieces, which appear, disappear and
+    are colored one by one.
+    """
 
     name: str  # the look's group, or the kind of part
     vertices: slice

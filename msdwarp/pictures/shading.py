@@ -19,7 +19,7 @@ TAPS = 4
 
 
 def _of_fragments(numbers: np.ndarray) -> str:
-    """Return shader arguments of `oneOf`: four vectors, shape [4, n]; it takes one by the fragment's position."""
+    """Return four vectors, shape [4, n], as arguments of the shader's `oneOf`: one for each of 2 x 2 pixels."""
     # A choice between constants, because on CPUs an array look-up would dominate the cost.
     return ", ".join(f"vec{numbers.shape[1]}({', '.join(f'{x:.6f}' for x in row)})" for row in numbers)
 

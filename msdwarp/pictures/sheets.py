@@ -29,8 +29,8 @@ class Sheet(Part):
 
     Particles rest on an obstacle, and triangles between them cut its edges and curves, so the obstacle would show
     through. `flat` is the surface without bending; `places` are its triangles' corners at the start [m], shape
-    [triangle_count, 3, 3]: their mean side sets the distance from obstacles. The surface is not moved where
-    particles are `pinned`, shape [particle_count], which may be inside an obstacle.
+    [triangle_count, 3, 3], whose mean side sets the distance from obstacles. At particles that are `pinned`, shape
+    [particle_count], the surface is not moved, since they may be inside an obstacle.
     """
 
     def __init__(
@@ -88,7 +88,10 @@ def triangles_of_sheets(system: System) -> NDArray[np.bool_]:
 
 
 def divided_triangle(pieces: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Divide the sides of a triangle into `pieces`: return vertices, barycentric × pieces, and small triangles."""
+    """Divide a triangle into small ones, with `pieces` along each side.
+
+    Return the barycentric coordinates of the vertices, times `pieces`, and the vertices of the small triangles.
+    """
     steps = [(i, j, pieces - i - j) for i in range(pieces + 1) for j in range(pieces + 1 - i)]
     at = {(i, j): k for k, (i, j, _) in enumerate(steps)}
     up = [(at[i, j], at[i + 1, j], at[i, j + 1]) for i, j, rest in steps if rest > 0]
@@ -97,10 +100,10 @@ def divided_triangle(pieces: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def divided(triangles: NDArray, pieces: int) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int32]]:
-    """Divide each side of triangles into `pieces`: return corners and shares of vertices, and the small triangles.
+    """Divide triangles into small ones, with `pieces` along each side; adjacent ones have vertices in common.
 
-    A vertex has the barycentric coordinates `shares` in the triangle of the vertices `corners`, both of shape
-    [fine_count, 3]; adjacent triangles share vertices.
+    Return for each new vertex the corners of a triangle in which it lies and its barycentric coordinates there,
+    both of shape [fine_count, 3], and the vertices of the small triangles.
     """
     steps, small = divided_triangle(pieces)
     vertices, steps = np.repeat(triangles, len(steps), axis=0), np.tile(steps, (len(triangles), 1))
