@@ -175,8 +175,8 @@ class DivisionPlanes(Effect):
         self.neighbors = weakref.proxy(neighbors)  # which owns this: memory of a device is to be freed at once
         facets, pieces = len(neighbors.tree.facet), len(neighbors.tree.piece)
         self._warps = FEW_BY_WARPS if pieces <= FEW_PIECES else 1
-        on_gpu = self._model.device.is_cuda and not self._grains
-        self._searching = self._warps * WARP * pieces if on_gpu else facets
+        self._by_warps = self._model.device.is_cuda and not self._grains
+        self._searching = self._warps * WARP * pieces if self._by_warps else facets
         """Threads that list near facets: some warps for each piece of the tree, or one for each facet."""
         self._give_room_to_facets(NEAR_A_FACET * facets)
         scalar = self._model.scalar
@@ -185,7 +185,7 @@ class DivisionPlanes(Effect):
     def _searches(self) -> tuple[Any, Any, Any]:
         """Return the kernels that list near facets, their tests and near pairs."""
         scalar = self._model.scalar
-        near = find_near_facets(scalar, self.neighbors.lanes, self._grains)
+        near = find_near_facets(scalar, self._by_warps, self._grains)
         return near, list_tests(scalar), find_pairs(scalar, self.tangles)
 
     def find(self, frame_begins: bool) -> None:
