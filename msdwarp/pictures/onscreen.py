@@ -76,7 +76,7 @@ class OnScreen:
         self._listen()
 
     def _layers(self) -> tuple[Any, Any, Any]:
-        """Add layers for the ground and for the shadows on it, below that of the scene, and for panels above it."""
+        """Add layers for the ground and the shadows on it, below that of the scene, and for panels above it."""
         window = self._plotter.render_window
         window.SetNumberOfLayers(PANELS + 1)
         self._plotter.renderer.SetLayer(SCENE)
