@@ -157,7 +157,7 @@ class Drawing(ReleasedInTurn):
             triangles_of_sheets(system) if len(of_triangle) and obstacles else np.zeros(len(of_triangle), bool)
         )
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
-        if (between := system.between_neighbours) is not None:  # springs to second neighbours lie along two others
+        if (between := system.between_neighbors) is not None:  # springs to second neighbours lie along two others
             drawn = drawn & between
         if self.shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
             drawn = drawn & outermost_connections(system)

@@ -91,7 +91,7 @@ class Colliders(FrameTables):
         if self.overlapping_at_start:
             data.surface.slack = touching(model.system)
         self._moving: list[tuple[int, Motion, NDArray]] = [
-            (k, collider.motion, collider.centre(self._dim))
+            (k, collider.motion, collider.center(self._dim))
             for k, collider in enumerate(colliders)
             if collider.motion is not None
         ]

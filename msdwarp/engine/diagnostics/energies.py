@@ -111,7 +111,7 @@ class Sums:
         self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
         # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.system.yields or not everything
-        between = None if plain else model.system.between_neighbours
+        between = None if plain else model.system.between_neighbors
         self._tears = int(assembly.fracture is not None)
         # A pass over particles alone uses one kernel for all spring laws.
         self._laws = model.law_forms if everything else Laws()
