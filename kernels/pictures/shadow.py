@@ -48,13 +48,13 @@ def inverse(slope: float) -> float:
 
 
 @wp.func
-def narrow(share: float, run: float, reach: wp.vec2) -> wp.vec2:
-    """Return the part of the interval `reach` where share + x / run >= 0; if run is 0, where share >= 0."""
+def narrow(start: float, run: float, reach: wp.vec2) -> wp.vec2:
+    """Return the part of the interval `reach` where start + x / run >= 0; if run is 0, where start >= 0."""
     if run > 0.0:
-        return wp.vec2(wp.max(reach[0], -share * run), reach[1])
+        return wp.vec2(wp.max(reach[0], -start * run), reach[1])
     if run < 0.0:
-        return wp.vec2(reach[0], wp.min(reach[1], -share * run))
-    if share < 0.0:
+        return wp.vec2(reach[0], wp.min(reach[1], -start * run))
+    if start < 0.0:
         return wp.vec2(1.0, 0.0)
     return reach
 
@@ -124,7 +124,7 @@ def hidden(shadows: DepthMap, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> in
 
 
 @wp.func
-def share_of_light(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
+def lit_fraction(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
     """Return the fraction of the key light that reaches a point [m] of a plane with a normal of any length.
 
     The sampling radius grows with the height of possible occluders above the point, plus `around` texels.

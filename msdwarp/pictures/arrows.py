@@ -14,7 +14,7 @@ MOST_ARROWS = 1500
 LONGEST = 0.16
 """Length of the longest arrow over the height of the picture, at the camera's target."""
 FAINTEST = 0.02
-"""Forces below this share of the full force are not drawn."""
+"""Forces below this fraction of the full force are not drawn."""
 COLOR = (0.0, 0.62, 0.66)
 """Color of arrows, which occurs on neither color scale."""
 

@@ -24,7 +24,7 @@ from .dressing import (
     torn,
     uncovered,
 )
-from .light import BOUNCE, CONTACT, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, SKY, towards
+from .light import BOUNCE, CONTACT, EVEN_AMBIENT, EVEN_DIFFUSE, KEY_FROM, SKY, towards
 from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes
 from .sheets import Sheet, kept_off, triangles_of_sheets
 from .stage import axes_of
@@ -101,7 +101,7 @@ class Drawing(ReleasedInTurn):
             checks.one_of("coloring", coloring, COLORINGS)
             if self.shows_strain:
                 self.scale = ColorScale("strain (below 0: shorter than at rest)", self._full_strain, True)
-        even = (EVEN_AMBIENT, EVEN_AMBIENT, 0.0, EVEN_SHARE)
+        even = (EVEN_AMBIENT, EVEN_AMBIENT, 0.0, EVEN_DIFFUSE)
         self.sky, self.bounce, self.contact, self.diffuse = even if self.by_value else (SKY, BOUNCE, CONTACT, 1.0)
         self.colors_move = self.scale is not None
         self.device = device
@@ -140,7 +140,7 @@ class Drawing(ReleasedInTurn):
         self.colors.assign(paint)
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
-        self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
+        self._fractions = wp.zeros(system.particle_count, dtype=float, device=device)
         self.visible = slice(0, ends[-1])
         """The vertices that are drawn: without the body, those of obstacles."""
         self._moving = [one for one in self.obstacles if one.moves]
@@ -278,12 +278,12 @@ class Drawing(ReleasedInTurn):
         else:
             self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
-            self._shares.assign((values / self.scale.full).astype(np.float32))
+            self._fractions.assign((values / self.scale.full).astype(np.float32))
         for one in (*self.body, *self._moving):
             one.follow(self._x, time)
         for one in self.body:
             if self.by_value:
-                one.show_value(self._shares, self._stops)
+                one.show_value(self._fractions, self._stops)
             elif self.shows_strain:
                 one.show_strain(self._x, self._full_strain, self._stops)
 

@@ -32,13 +32,13 @@ SKY, BOUNCE = 0.58, 0.44
 shares (1 + n·z)/2 of the sky and (1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""
 CONTACT = 0.03
 """Height above the ground where half of the floor's light arrives, over the extent of all that the camera sees."""
-EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
+EVEN_AMBIENT, EVEN_DIFFUSE = 0.66, 0.55
 """Strength of ambient light, and factor of the lights with a direction, where colors show values: ambient light
 is equal from above and below, so that colors look on all sides as in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow, over its brightness in light."""
 SHADED = 0.12
-"""The share of the key light that still reaches a body or an obstacle in full shadow."""
+"""The fraction of the key light that still reaches a body or an obstacle in full shadow."""
 SOFTNESS = 0.05
 """Radius of the key light, a disc, over its distance: at a distance d behind an edge a shadow fades in over 2 d of
 this."""

@@ -95,8 +95,8 @@ def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, 
     outline = body & ~inside & (beside > 0)
     color = np.where(outline, _sum_around(inside * image.astype(np.int32)) / np.maximum(beside, 1), image)
     whole, seen = color - stage, image - stage.astype(float)
-    share = (whole * seen).sum(axis=2, keepdims=True) / np.maximum((whole**2).sum(axis=2, keepdims=True), 1.0)
-    return color, np.where(outline, np.clip(share, 0.0, 1.0), body)
+    opacity = (whole * seen).sum(axis=2, keepdims=True) / np.maximum((whole**2).sum(axis=2, keepdims=True), 1.0)
+    return color, np.where(outline, np.clip(opacity, 0.0, 1.0), body)
 
 
 def _sum_around(values: NDArray) -> NDArray[np.int64]:

@@ -120,7 +120,7 @@ def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8
     return count
 
 
-def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
+def cell_fractions(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
     """Return the fraction of whole cells among those around each connection along a step, from 0 to 1.
 
     Connections are ordered as by `lattice_connections` with whole cells; the step 0 gives the particles instead.

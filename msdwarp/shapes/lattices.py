@@ -14,7 +14,7 @@ from ..bodies import Cells, Material, Surface, System, mask_of, uniform
 from .bending import flexural_rigidity, resisting_bending
 from .grid import (
     cell_corners,
-    cell_shares,
+    cell_fractions,
     check_memory,
     count_pieces,
     first_loose,
@@ -114,12 +114,12 @@ def _constants_of(
     whole, axes = whole_cells(mask), mask.ndim
     by_axes = material.cell_stiffness(axes, spacing, section, diagonals=diagonals)
     steps = lattice_directions(axes, diagonals=diagonals).values()
-    shares = [by_axes[np.count_nonzero(step) - 1] * cell_shares(whole, step) for step in steps]
-    stiffness = np.concatenate(shares)
+    each = [by_axes[np.count_nonzero(step) - 1] * cell_fractions(whole, step) for step in steps]
+    stiffness = np.concatenate(each)
     longest = max(int(np.ptp(points)) for points in np.nonzero(mask))
     time = material.damping_time(spacing * longest, axes)
     return {
-        "mass": material.cell_mass(axes, spacing, section) * cell_shares(whole, (0,) * axes),
+        "mass": material.cell_mass(axes, spacing, section) * cell_fractions(whole, (0,) * axes),
         "stiffness": stiffness,
         "damping": time * stiffness,
         "cells": _cells_of(material, section, mask, whole, spacing, time),

@@ -170,8 +170,8 @@ def _nearest_of(corners: NDArray[np.float64], points: NDArray[np.float64]) -> ND
     result = np.empty_like(points)
     for start in range(0, len(points), 256):
         offset = points[start : start + 256, None] - corners
-        share = np.clip((offset * side).sum(axis=-1) / (side**2).sum(axis=-1), 0, 1)
-        foot = corners + share[..., None] * side
+        fraction = np.clip((offset * side).sum(axis=-1) / (side**2).sum(axis=-1), 0, 1)
+        foot = corners + fraction[..., None] * side
         nearest = np.argmin(np.linalg.norm(points[start : start + 256, None] - foot, axis=-1), axis=1)
         result[start : start + 256] = foot[np.arange(len(nearest)), nearest]
     return result

@@ -23,7 +23,7 @@ from ..engine import (
 from ..integrators import Integrator, StepChoice
 from .stepping import Stepping
 
-SHARE, SHARE_OF_SUBSTEPS = 1 / 4, 1 / 16
+MOST_MEMORY, MOST_FOR_SUBSTEPS = 1 / 4, 1 / 16
 """Most of the free memory that states at the start of all frames may take, and those of all substeps. On a CPU the
 frames that the loss gets take nearly as much again as the former, and its derivatives twice that."""
 
@@ -167,10 +167,10 @@ class Differentiated:
         x: Any = self._first[0]
         device, size, substeps = x.device, 2 * len(x) * x.strides[0], len(self._tape.states)
         free = device.free_memory if device.is_cuda else checks.free_memory()
-        many = free is not None and count * size > SHARE * free
+        many = free is not None and count * size > MOST_MEMORY * free
         self._every = math.isqrt(count - 1) + 1 if many else 1
         small = not device.is_cuda or len(x) <= MOST_KEPT
-        keep = small and free is not None and (count - 1) * substeps * size <= SHARE_OF_SUBSTEPS * free
+        keep = small and free is not None and (count - 1) * substeps * size <= MOST_FOR_SUBSTEPS * free
         self._tapes = [wp.empty_like(self._tape.storage) for _ in range(count - 1)] if keep else []
         on_tape = partial(self._tape.advance, self._stepping.state)
         self._stepping.launch_substeps_by(on_tape if keep else self._stepping.stepper.take)
