@@ -211,24 +211,28 @@ def loads(composition: Composition) -> Any:
 
 
 @functools.cache
-def parts(composition: Composition) -> tuple[Any, Any]:
-    """Compose (count, evaluate) of the effect that has `ForceTerm.parts`; (None, None) if none has."""
-    found = [piece for piece in composition.pieces if piece.parts is not None]
-    assert len(found) < 2, "only one effect may have parts"
+def before_forces(composition: Composition) -> tuple[Any, Any]:
+    """Compose (count, evaluate) of the effect that has `ForceTerm.before_forces`; (None, None) if none has."""
+    found = [piece for piece in composition.pieces if piece.before_forces is not None]
+    assert len(found) < 2, "only one effect may have elements to evaluate before forces"
     if not found:
         return None, None
     V, SceneData, Compensation, *_ = tools(composition)
-    (count, evaluate), data, Vectors = found[0].parts, data_of(SceneData, found[0].field), wp.array(dtype=V)
+    (count, evaluate), data, Vectors = (
+        found[0].before_forces,
+        data_of(SceneData, found[0].field),
+        wp.array(dtype=V),
+    )
 
     @wp.func
-    def count_parts(scene: SceneData) -> int:
+    def count_elements(scene: SceneData) -> int:
         return count(data(scene))
 
     @wp.func
-    def evaluate_part(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
+    def evaluate_element(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
         evaluate(data(scene), compensation, x, v, c)
 
-    return count_parts, evaluate_part
+    return count_elements, evaluate_element
 
 
 @functools.cache

@@ -115,7 +115,7 @@ def render(
     still
         Draw only the frame at this time [s], for print: SCENE_still.png, with the camera of the film.
     samples
-        Number of pictures, each shifted by parts of a pixel, whose mean a still is: more make edges smoother.
+        Number of pictures whose mean a still is, each shifted by a fraction of a pixel: more make edges smoother.
     out
         Folder for the pictures. Default: `render` beside the trajectory, or render-2 ... if that exists.
     force
@@ -319,7 +319,7 @@ def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, sp
 def _drawn(
     trajectory: "Trajectory", to: str, color: str | None, script: Script, numbers: Sequence[int], whole: bool
 ) -> "tuple[Iterator[DrawnFrame], dict[str, Any]]":
-    """Return frames of a trajectory as in the pictures of its run, or in other colors; see `draw.drawn`."""
+    """Return frames as in the pictures of a trajectory's run, or in other colors; see `draw.drawn`."""
     start_warp(False)
     with at_once():
         from rich.console import Console

@@ -219,9 +219,9 @@ def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[b
 
 
 def _of_times(values: Callable[[NDArray], NDArray], times: NDArray) -> bytes:
-    """Return the bytes of a function's values; it may fail in a scene's duration, but after the end of a run.
+    """Return the bytes of a function's values; "undefined" in place of those at times at which it fails.
 
-    Where it fails at one of the times, the others still count.
+    A run may have ended before such a time, though it is within the scene's duration.
     """
     try:
         return values(times).tobytes()

@@ -24,7 +24,7 @@ from .dressing import (
     torn,
     uncovered,
 )
-from .light import BOUNCE, CONTACT, EVEN_AMBIENT, EVEN_SHARE, KEY_FROM, SKY, towards
+from .light import BOUNCE, CONTACT, EVEN_AMBIENT, EVEN_DIFFUSE, KEY_FROM, SKY, towards
 from .parts import Balls, Finish, Obstacle, Part, SurfacePart, Tubes
 from .sheets import Sheet, kept_off, triangles_of_sheets
 from .stage import axes_of
@@ -65,14 +65,22 @@ class ColorScale(NamedTuple):
 class Drawing(ReleasedInTurn):
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
-    These are the system's surface, and a tube along each spring of bodies without surface, or between bodies.
-    If `coloring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
-    spring and, in small systems, a ball at each particle. Solid colliders come last. Springs are not drawn
-    once they are broken by the system's `broken_at`. `points`, `normals` and `colors` are float32 of shape
-    [vertex_count, 3], `gloss`, `closed`, `takes_shadows`, `finish` (a number of `FINISHES`) and `glass` (whether
-    one sees through it) of [triangle_count]. `body` are the parts that follow the particles, `obstacles` those of
-    the colliders. `scale` is the scale of the colors, `stops` the colors along it: of values of the particles or
-    of the strain of springs; None if colors show no quantity.
+    Drawn are the system's surface, and tubes along springs between bodies or of bodies without surface. If colors
+    show strain, or there is neither a surface nor a look of a group, tubes along all springs are drawn instead,
+    and in small systems balls at particles. Solid colliders come last. A spring disappears when it breaks
+    (`System.broken_at`).
+
+    Attributes
+    ----------
+    points, normals, colors
+        Of the vertices, Warp arrays of vec3, shape [vertex_count].
+    gloss, closed, takes_shadows, finish, glass
+        Of the triangles, shape [triangle_count]: the strength of highlights, whether back faces are hidden,
+        whether shadows fall on it, its number in `FINISHES`, and whether one sees through it.
+    body, obstacles
+        The parts that follow the particles, and those of the colliders.
+    scale, stops
+        The `ColorScale`, None if colors show no quantity; and the colors evenly along a scale.
     """
 
     @in_turn
@@ -93,7 +101,7 @@ class Drawing(ReleasedInTurn):
             checks.one_of("coloring", coloring, COLORINGS)
             if self.shows_strain:
                 self.scale = ColorScale("strain (below 0: shorter than at rest)", self._full_strain, True)
-        even = (EVEN_AMBIENT, EVEN_AMBIENT, 0.0, EVEN_SHARE)
+        even = (EVEN_AMBIENT, EVEN_AMBIENT, 0.0, EVEN_DIFFUSE)
         self.sky, self.bounce, self.contact, self.diffuse = even if self.by_value else (SKY, BOUNCE, CONTACT, 1.0)
         self.colors_move = self.scale is not None
         self.device = device
@@ -132,7 +140,7 @@ class Drawing(ReleasedInTurn):
         self.colors.assign(paint)
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
-        self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
+        self._fractions = wp.zeros(system.particle_count, dtype=float, device=device)
         self.visible = slice(0, ends[-1])
         """The vertices that are drawn: without the body, those of obstacles."""
         self._moving = [one for one in self.obstacles if one.moves]
@@ -149,7 +157,7 @@ class Drawing(ReleasedInTurn):
             triangles_of_sheets(system) if len(of_triangle) and obstacles else np.zeros(len(of_triangle), bool)
         )
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
-        if (between := system.between_neighbours) is not None:  # springs to second neighbours lie along two others
+        if (between := system.between_neighbors) is not None:  # springs to second neighbours lie along two others
             drawn = drawn & between
         if self.shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
             drawn = drawn & outermost_connections(system)
@@ -184,7 +192,10 @@ class Drawing(ReleasedInTurn):
         return body
 
     def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:
-        """Return springs as thin tubes, with dark balls at particles of small systems; else ropes are round."""
+        """Return springs as thin tubes, with dark balls at the particles of small systems.
+
+        Without these balls ropes are round tubes, with balls in their color where tubes meet.
+        """
         unit, white = self._unit(system, look, shown), Finish(np.ones(3))
         few = system.particle_count <= MOST_BALLS
         dotted = look.particles or (look.particles is None and few)
@@ -267,12 +278,12 @@ class Drawing(ReleasedInTurn):
         else:
             self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
-            self._shares.assign((values / self.scale.full).astype(np.float32))
+            self._fractions.assign((values / self.scale.full).astype(np.float32))
         for one in (*self.body, *self._moving):
             one.follow(self._x, time)
         for one in self.body:
             if self.by_value:
-                one.show_value(self._shares, self._stops)
+                one.show_value(self._fractions, self._stops)
             elif self.shows_strain:
                 one.show_strain(self._x, self._full_strain, self._stops)
 

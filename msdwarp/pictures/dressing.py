@@ -61,10 +61,10 @@ def inside_of(triangles: NDArray[np.int32]) -> Surface:
 
 
 def uncovered(system: System) -> NDArray[np.bool_]:
-    """Return a mask of springs outside bodies with surfaces, shape [connection_count]: ropes, ties between bodies.
+    """Return a mask of springs that no surface covers, shape [connection_count]: ropes, and ties between bodies.
 
-    The springs of an entry of `System.directions` form a body. Particles in no entry form bodies by the springs
-    between them. A spring from a rope to a ball, which is in no entry, belongs to neither body.
+    The springs of each entry of `System.directions` form a body, and so do those that join particles of no entry.
+    A spring in no entry that joins two bodies, such as from a rope to a ball, belongs to neither.
     """
     connections, count, surface = system.connections, len(system.directions), system.surface
     bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
@@ -93,10 +93,11 @@ def uncovered(system: System) -> NDArray[np.bool_]:
 
 
 def outermost_connections(system: System) -> NDArray[np.bool_]:
-    """Return a mask of the springs on the outside of bodies, shape [connection_count].
+    """Return a mask of the springs on the outside of bodies, shape [connection_count]; all if none is.
 
-    They join particles of the surface, or are of a body without; if the surface is embedded in a lattice or
-    missing, they join particles with fewer neighbours than others.
+    If the vertices of the surface are particles, these springs join particles of the surface, or belong to bodies
+    without surface. If the surface is missing, or embedded in a lattice, they join particles with fewer springs
+    than the most that a particle has.
     """
     connections, surface = system.connections, system.surface
     if surface is not None and surface.weights is None:

@@ -37,17 +37,17 @@ def bar(height: int, scale: ColorScale, stops: Stops) -> Image.Image:
     legend.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
     pen = ImageDraw.Draw(legend)
     pen.text((left + length / 2, size / 5), scale.label, INK, font, anchor="ma")
-    for share in (0, 0.5, 1) if length > 100 else (0, 1):  # a short bar has no space for three numbers
-        value = (2 * share - 1 if scale.signed else share) * scale.full
-        label = f"{value:+g}" if scale.signed and value else f"{value:g}" + (" or more" if share == 1 else "")
-        pen.text((left + share * length, top + thick + size / 4), label, INK, font, anchor="ma")
+    for fraction in (0, 0.5, 1) if length > 100 else (0, 1):  # a short bar has no space for three numbers
+        value = (2 * fraction - 1 if scale.signed else fraction) * scale.full
+        label = f"{value:+g}" if scale.signed and value else f"{value:g}" + (" or more" if fraction == 1 else "")
+        pen.text((left + fraction * length, top + thick + size / 4), label, INK, font, anchor="ma")
     return legend
 
 
 @functools.lru_cache(maxsize=4)
-def arrow(height: int, label: str, share: float) -> Image.Image:
-    """Return an arrow whose length is `share` times the picture's height, with its label."""
-    size, length = max(9, round(19 * height / 720)), share * height
+def arrow(height: int, label: str, fraction: float) -> Image.Image:
+    """Return an arrow whose length is a `fraction` of the picture's height, with its label."""
+    size, length = max(9, round(19 * height / 720)), fraction * height
     font = ImageFont.load_default(size)
     legend = Image.new("RGBA", (math.ceil(length + font.getlength(label) + 3 * size), 2 * size), VEIL)
     pen, color = ImageDraw.Draw(legend), tuple(round(255 * c) for c in COLOR)

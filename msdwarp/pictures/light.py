@@ -6,7 +6,7 @@ A surface of color c, unit normal n and gloss g, seen from the direction v, has 
     d = SKY (1 + n·z)/2 + BOUNCE b (1 - n·z)/2 + KEY k max(n·l, 0) + HEAD max(n·h, 0) + FILL max(n·f, 0).
 
 The unit vector z points up, l to the key light, h back along the camera's view, f to the fill light, p and q are l
-and h, mirrored at n, and e is the `shininess` of its roughness. The share s of the key light is visible from the
+and h, mirrored at n, and e is the `shininess` of its roughness. A fraction s of the key light is visible from the
 surface, 0 in full shadow; k = SHADED + (1 - SHADED) s of it arrives, since the surroundings scatter some. Near the
 ground a body hides the light from there: b = h / (h + a) at the height h, with CONTACT in a. The ground is unlit,
 and keeps SHADOW + (1 - SHADOW) s of its color.
@@ -16,7 +16,7 @@ their surroundings (`kernels/pictures/shading.py`) have, with i = 1 - n·v,
 
 - for cloth  c (d + t i²) + w,
 - for metal  c ((1 - m) d + m r + w),
-- for glass  o c d + f r + w, and (1 - o) (1 - f) (1 - w) of what is behind, where f is the share that it mirrors.
+- for glass  o c d + f r + w, and (1 - o) (1 - f) (1 - w) of what is behind, if it mirrors a fraction f.
 """
 
 import numpy as np
@@ -32,13 +32,13 @@ SKY, BOUNCE = 0.58, 0.44
 shares (1 + n·z)/2 of the sky and (1 - n·z)/2 of a wide floor (B. Liu and R. Jordan, Solar Energy 7, 1963)."""
 CONTACT = 0.03
 """Height above the ground where half of the floor's light arrives, over the extent of all that the camera sees."""
-EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
+EVEN_AMBIENT, EVEN_DIFFUSE = 0.66, 0.55
 """Strength of ambient light, and factor of the lights with a direction, where colors show values: ambient light
 is equal from above and below, so that colors look on all sides as in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow, over its brightness in light."""
 SHADED = 0.12
-"""The share of the key light that still reaches a body or an obstacle in full shadow."""
+"""The fraction of the key light that still reaches a body or an obstacle in full shadow."""
 SOFTNESS = 0.05
 """Radius of the key light, a disc, over its distance: at a distance d behind an edge a shadow fades in over 2 d of
 this."""

@@ -26,7 +26,11 @@ class Finish(NamedTuple):
 
 
 class Part:
-    """A set of triangles of a drawing; its vertices are a slice of each of the drawing's arrays."""
+    """A set of triangles of a drawing; its vertices are a slice of each of the drawing's arrays.
+
+    A part may consist of tubes, of balls, or of triangles that tear apart: its pieces, which appear, disappear and
+    are colored one by one.
+    """
 
     name: str  # the look's group, or the kind of part
     vertices: slice
@@ -59,8 +63,8 @@ class Part:
 
     def _follow_particles(self, particle: NDArray, weights: NDArray | None, device: str) -> None:
         """Set the particles and weights of each vertex, shape [vertex_count, k]."""
-        shares = np.ones(particle.shape) if weights is None else weights
-        self.mixture = wp.array(particle, dtype=int, device=device), wp.array(shares, dtype=float, device=device)
+        weights = np.ones(particle.shape) if weights is None else weights
+        self.mixture = wp.array(particle, dtype=int, device=device), wp.array(weights, dtype=float, device=device)
 
     def _show_between(self, since: NDArray, until: NDArray, device: str) -> None:
         """Set the times at which pieces appear and disappear [s]."""
@@ -78,9 +82,9 @@ class Part:
         since, until = (broken_before(each.numpy(), time) for each in self.times)
         return np.repeat(since & ~until, len(self.triangles) // max(len(since), 1))
 
-    def show_value(self, shares: wp.array, stops: wp.array) -> None:
+    def show_value(self, fractions: wp.array, stops: wp.array) -> None:
         """Color the vertices by the values of their particles, as fractions of the full value."""
-        _launch(drawing.color_by_value, len(self.colors), [shares, *self.mixture, stops], [self.colors])
+        _launch(drawing.color_by_value, len(self.colors), [fractions, *self.mixture, stops], [self.colors])
 
     def take_strain_of(self, connections: NDArray, rest_length: NDArray, device: str) -> None:
         """Let each piece show the strain of a spring."""

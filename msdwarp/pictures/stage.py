@@ -36,7 +36,7 @@ def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
 
 
 def visible(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
-    """Return points in space [m], shape [any, 3], that a camera sees if it sees positions and obstacles."""
+    """Return the points that a camera must see [m], shape [any, 3]: positions, and obstacles above the ground."""
     solids = extent(scene)
     if (plane := scene.ground) is not None:  # points below the ground need not be visible
         normal = in_space(plane.unit_normal(scene.system.dim), np.float64)
@@ -89,7 +89,7 @@ class Camera:
     ) -> "Camera":
         """Return the nearest camera in the direction of the look that sees all points, shape [any, 3].
 
-        `aspect` is the picture's width over its height. A `zoom` divides the distance to the target. The share
+        `aspect` is the picture's width over its height. A `zoom` divides the distance to the target. A fraction
         `above` of the height, at the upper edge, is kept free.
         """
         # In view coordinates a point (a, b, c) right of, above and behind the target is visible to a camera at

@@ -84,9 +84,10 @@ def still(
 
 
 def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, NDArray]:
-    """Return the body's color in a picture, and its share of each pixel, given the picture without it.
+    """Return the body's color in a picture, and its opacity in each pixel, given the picture without it.
 
-    A pixel on its outline is a blend of both; the body's color there is assumed to be that of the neighbours.
+    A pixel on the body's outline is a blend of both pictures; there the body is assumed to have the color of the
+    pixels beside it.
     """
     body = (image != stage).any(axis=2, keepdims=True)
     inside = _sum_around(body) == 9
@@ -94,8 +95,8 @@ def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, 
     outline = body & ~inside & (beside > 0)
     color = np.where(outline, _sum_around(inside * image.astype(np.int32)) / np.maximum(beside, 1), image)
     whole, seen = color - stage, image - stage.astype(float)
-    share = (whole * seen).sum(axis=2, keepdims=True) / np.maximum((whole**2).sum(axis=2, keepdims=True), 1.0)
-    return color, np.where(outline, np.clip(share, 0.0, 1.0), body)
+    opacity = (whole * seen).sum(axis=2, keepdims=True) / np.maximum((whole**2).sum(axis=2, keepdims=True), 1.0)
+    return color, np.where(outline, np.clip(opacity, 0.0, 1.0), body)
 
 
 def _sum_around(values: NDArray) -> NDArray[np.int64]:

@@ -48,7 +48,7 @@ def torn(body):
 
 KINDS = {
     "torn box": torn(box((4, 3, 3), 0.1)),
-    "torn box of few springs": torn(box((5, 3, 3), 0.1, neighbours=6)),
+    "torn box of few springs": torn(box((5, 3, 3), 0.1, neighbors=6)),
     "torn sheet": torn(sheet((5, 4), 0.1)),
     "torn shell": torn(shell(icosphere(0.2, 2))),
     "torn chain": torn(chain(6, 0.1)),
@@ -57,7 +57,7 @@ KINDS = {
     "mesh": from_mesh(icosphere(0.2, 1), 0.1),
     "rod": rod(5, 0.1, radius=0.01, material=RUBBER),
     "grains": System(position=np.random.default_rng(0).uniform(size=(7, 3))),
-    "net": torn(sheet((4, 4), 0.1, neighbours=4).replace(surface=None)),
+    "net": torn(sheet((4, 4), 0.1, neighbors=4).replace(surface=None)),
 }
 FLAT = {
     "torn sheet": torn(sheet((5, 4), 0.1, dim=2)),

@@ -131,7 +131,7 @@ def test_a_plate_of_4_neighbours_is_a_grid_of_beams():
     m, n = np.meshgrid(odd, odd)
     sign = (-1.0) ** ((m + n) // 2 - 1)
     theory = 16 * LOAD * SIDE**4 / (math.pi**6 * RIGIDITY) * (sign / (m * n * (m**4 + n**4))).sum()
-    error = [abs(sag(of_number, cells, "supported", neighbours=4) / theory - 1) for cells in (8, 16, 32)]
+    error = [abs(sag(of_number, cells, "supported", neighbors=4) / theory - 1) for cells in (8, 16, 32)]
     assert error[1] < 0.01
     assert error[1] < error[0] / 3
     assert error[2] < error[1] / 3

@@ -127,10 +127,10 @@ def _save(path: Path, picture: NDArray) -> None:
 
 
 def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspect: float) -> str:
-    """Return a line with the camera's flags for the start, if bodies scatter so that it is small; else nothing.
+    """Return a line with flags for a camera near the start, if bodies scatter so far that they look small there.
 
-    `start` and `end` are the positions then, `seen` those that the camera keeps in view [m], shape [any, d].
-    `aspect` is the picture's width over its height.
+    Return nothing otherwise. `start` and `end` are the first and the last positions, `seen` those that the camera
+    keeps in view [m], shape [any, d]. `aspect` is the picture's width over its height.
     """
     look = scene.look
     if look.distance is not None or look.follow is not None or look.path:
@@ -148,7 +148,11 @@ def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspec
 def drawn(
     scene: Scene, trajectory: Trajectory, pictures: Pictures, numbers: Sequence[int], whole: bool
 ) -> tuple[Iterator[DrawnFrame], dict[str, Any]]:
-    """Return frames of a trajectory, with triangles and colors as in pictures of all; see `files.export`."""
+    """Return the frames `numbers` of a trajectory as triangles, and what else an exported file needs.
+
+    Colors are the same as in pictures of all frames. If `whole`, obstacles, ground, camera and light are included;
+    see `files.export`.
+    """
     every = range(len(trajectory))
     scene, coloring, values = _dressed(scene, trajectory, pictures, every)
     drawing, stage, more = Drawing(scene, coloring), None, dict[str, Any]()
@@ -189,7 +193,7 @@ def drawn(
 def _dressed(
     scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]
 ) -> tuple[Scene, str | ColorScale, Values | None]:
-    """Return the scene as pictures show it: torn, and with their camera; and `_coloring`."""
+    """Return the scene with tears and the pictures' camera, and the two results of `_coloring`."""
     look = pictures.aimed(scene.look)
     if scene.system.tears:
         scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
@@ -208,7 +212,7 @@ def _raise_if_stopped(requests: list[int]) -> None:
 def _coloring(
     scene: Scene, trajectory: Trajectory, color: str, shown: Sequence[int]
 ) -> tuple[str | ColorScale, Values | None]:
-    """Return (coloring of the body, function (k) -> particles' values in frame k); None if it has no values.
+    """Return the coloring of the body, and a function (k) -> particles' values in frame k, None without values.
 
     The scale ends at the largest 99th percentile of a frame.
     """

@@ -35,8 +35,8 @@ MOST_CHANGES_SHOWN = 6
 """If the number of substeps changes more often than this, the changes are summarised."""
 
 
-def run_scene(origin: Origin, scene: Scene, options: Options) -> "Run":
-    """Simulate a scene, store and draw its frames, and print a summary; return the run, at its end.
+def run_scene(origin: Origin, scene: Scene, options: Options) -> "Case":
+    """Simulate a scene, store and draw its frames, and print a summary; return the case, at its end.
 
     Raise ValueError or OSError for an option that is out of range, before anything is written. If
     SimulationDiverged or Interrupted ends the run early, earlier frames are kept.
@@ -72,9 +72,9 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> "Run":
             folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
             if folder != tentative:  # another run has taken the tentative folder meanwhile
                 log = _log(options, folder, origin.name)
-        run = Run(scene, options, simulation, folder, origin.name, made_by, log, talk)
-        run.to(last)
-    return run
+        case = Case(scene, options, simulation, folder, origin.name, made_by, log, talk)
+        case.to(last)
+    return case
 
 
 def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
@@ -137,8 +137,8 @@ def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
 
 
 @dataclass
-class Run:
-    """A simulation and the folder of its results."""
+class Case:
+    """A simulation and the folder of its results, which it fills."""
 
     scene: Scene
     options: Options

@@ -22,7 +22,7 @@ from ..options import Options, Pictures
 from ..provenance import digest, rebuild_scene, restored_options
 from ..results import RESTART, own_folder, pictures_in
 from ..script_signatures import UNTRUSTED, Script
-from .run import Run, about, simulation_by
+from .run import Case, about, simulation_by
 
 
 def resume_run(
@@ -72,7 +72,7 @@ def resume_run(
             raise ValueError(f"log is {path}, outside of {folder} and no longer there; allow it with --trust")
         log = None if path is None or behind > last else EnergyLog(path, behind=behind)
         talk = Console(stderr=True, quiet=quiet)
-        Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
+        Case(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
 
 
 def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -128,7 +128,7 @@ def rerun(
         new = about(origin, scene, simulation, options)
         last = (len(trajectory) - 1) * checks.count("every", options.every, 1)
         talk = Console(stderr=True, quiet=quiet)
-        Run(scene, options, simulation, folder, origin.name, new, None, talk).to(last)
+        Case(scene, options, simulation, folder, origin.name, new, None, talk).to(last)
         with Trajectory(folder / TRAJECTORY) as again:
             difference = _difference(trajectory, again)
         return None if difference is None else difference + _causes(attributes, new)

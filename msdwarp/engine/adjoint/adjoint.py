@@ -262,7 +262,7 @@ class Adjoint:
 
     @contextmanager
     def aside(self, by_v: NDArray[np.float64]) -> Iterator[None]:
-        """Propagate only the derivatives `by_v` within the context; add the others again afterwards."""
+        """Within the context propagate `by_v` instead of the current derivatives; afterwards add these again."""
         model, own = self._model, (self.by_x, self.by_v)
         self._aside = self._aside or model.vectors_together(2)
         for array, kept in zip(own, self._aside, strict=True):
@@ -306,9 +306,9 @@ class Adjoint:
         return self._parameters[name][1].varies
 
     def take_stages(self) -> dict[str, NDArray[np.float64]]:
-        """Return the accumulated derivatives by functions of time, for each stage, and set them to 0.
+        """Return the summed derivatives by functions of time, for each stage of a frame, and set them to 0.
 
-        They have an axis of stages, in an ensemble after that of worlds.
+        Their first axis is that of stages; in an ensemble the second, after that of worlds.
         """
         found = {id(sums): sums.take() for sums in self._sums if sums.varies}
         return {
