@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from ..disk import TRAJECTORY, writable_folder
 from .error_messages import printable
-from .options import Color, Flag, Pictures, Quiet, Verbose, ViewOptions
+from .options import Bodies, Color, Flag, Pictures, Quiet, Verbose, ViewOptions
 from .process import progress_on, start_warp
 from .results import free_folder, pictures_in
 from .script_signatures import UNTRUSTED, Script
@@ -46,9 +46,13 @@ def export(
     file: File,
     /,
     *,
-    to: Literal["obj", "stl", "ply", "gltf", "usd", "npz"],
+    to: Literal["glb", "usd", "obj", "ply", "stl", "npz"],
     frame: int | None = None,
+    every: int = 1,
+    body: Bodies = (),
     color: Color | None = None,
+    up: Literal["y", "z"] | None = None,
+    scale: float = 1.0,
     out: Path | None = None,
     script: Script = UNTRUSTED,
     force: Flag = False,
@@ -58,24 +62,40 @@ def export(
     Parameters
     ----------
     to
-        File format. npz holds positions, velocities and times; usd what the run's pictures show, with obstacles,
-        colors, light and camera. The others hold the triangles of the bodies: gltf with colors and textures, ply
-        with colors, obj with texture coordinates, stl alone.
+        File format. glb (glTF) and usd hold all frames as one animation: glb bodies and obstacles, with materials
+        and textures, usd also the ground, light, camera, velocities for motion blur, and ropes as curves. obj, ply
+        and stl hold the triangles of the bodies, a file for each frame: obj with materials and textures, ply with
+        colors, stl alone. npz holds positions, velocities and times.
     frame
         Convert this frame only, counted from 0; negative numbers count from the end. Default: all frames.
+    every
+        Convert only every Nth frame.
     color
         What the colors show, as in `msdwarp render`. Default: as in the pictures of the run.
+    up
+        The axis that points up: y or z. Default: y in glb, as glTF demands, and z in the other formats.
+    scale
+        Lengths in the file, over those in metres: 100 for centimetres, 1000 for millimetres.
     out
         File to write. Default: the trajectory's name with the format's extension.
     force
         Overwrite existing files.
     """
     with at_once():
+        from .. import checks
         from ..files import export
     with opened(file) as trajectory:
-        frames, draw = slice(None) if frame is None else frame, partial(_drawn, trajectory, to, color, script)
+        every = checks.count("every", every, 1)
+        if to == "npz" and (color or body):
+            raise ValueError(
+                "color or body is given; where to is 'npz' they must not be: it holds what was simulated"
+            )
+        if frame is not None and every > 1:
+            raise ValueError(f"every is {every}; it must not be given beside frame")
+        frames = slice(None, None, every) if frame is None else frame
+        draw = partial(_drawn, trajectory, color, body, script)
         target = out or trajectory.path.with_suffix(f".{to}")
-        paths = export(trajectory, target, to, frames, force=force, draw=draw)
+        paths = export(trajectory, target, to, frames, up=up, scale=scale, force=force, draw=draw)
     more = f" ... {paths[-1].name}" if len(paths) > 1 else ""
     print(f"wrote {paths[0]}{more}")
 
@@ -317,21 +337,27 @@ def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, sp
 
 
 def _drawn(
-    trajectory: "Trajectory", to: str, color: str | None, script: Script, numbers: Sequence[int], whole: bool
+    trajectory: "Trajectory",
+    color: Color | None,
+    body: tuple[str, ...],
+    script: Script,
+    numbers: Sequence[int],
+    to: str,
 ) -> "tuple[Iterator[DrawnFrame], dict[str, Any]]":
-    """Return frames of a trajectory as in the pictures of its run, or in other colors; see `draw.drawn`."""
+    """Return frames of a trajectory as in the pictures of its run, or in other colors; see `drawn.drawn`."""
     start_warp(False)
     with at_once():
         from rich.console import Console
 
-        from .commands.draw import drawn
+        from .commands.drawn import drawn
         from .provenance import restored_options
 
-    talk = Console(stderr=True, quiet=to in ("obj", "stl"))  # which have no colors
+    talk = Console(stderr=True, quiet=to == "stl")  # which has no colors
     scene = _scene_of(trajectory, talk, script)[1]
     kept = trajectory.attributes.get("options")
     pictures = restored_options(kept).pictures if isinstance(kept, dict) and "pictures" in kept else PICTURES
-    return drawn(scene, trajectory, replace(pictures, color=color or pictures.color), numbers, whole)
+    pictures = replace(pictures, color=color or pictures.color, body=body or pictures.body)
+    return drawn(scene, trajectory, pictures, numbers, to)
 
 
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:

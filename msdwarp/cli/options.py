@@ -26,6 +26,14 @@ MethodName = Literal[
 ]
 IntOrAuto = int | Literal["auto"]
 Color = Literal["texture", "strain", "velocity", "energy", "stress", "contact"]
+Bodies = Annotated[
+    tuple[str, ...],
+    Parameter(
+        negative=(),
+        help="Draw this group of particles only, such as a body; may be repeated. The name obstacles adds these. "
+        "Default: everything.",
+    ),
+]
 RendererName = Literal["auto", "raster", "raycast", "opengl"]
 Quiet = Annotated[bool, Parameter(negative=(), help="Print errors only.")]
 Verbose = Annotated[bool, Parameter(negative=(), help="Print messages from Warp and VTK too.")]
@@ -94,6 +102,7 @@ class Pictures(CameraOptions):
     """What the colors show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
     the velocity, energy, stress (von Mises; bodies with a Poisson's ratio) or contact force of particles. Default:
     set by the scene."""
+    body: Bodies = ()
     full_strain: float | None = None
     """Strain at the ends of the color scale. Default: set by the scene, or fitted to the run."""
     arrows: Flag = False
@@ -237,7 +246,8 @@ class Options(SimulationOptions):
         log = self.log
         if log is not None and not self.logs_in_folder:
             log = str(Path(log).absolute())  # the run may be resumed from another folder
-        return asdict(self) | {"out": self.out and str(self.out), "log": log}
+        pictures = asdict(self.pictures) | {"body": list(self.pictures.body)}
+        return asdict(self) | {"out": self.out and str(self.out), "log": log, "pictures": pictures}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,24 +6,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from rich.progress import Progress
 
-from ... import checks
 from ...bodies import lengths, stress, von_mises
 from ...disk import writing
-from ...files import DrawnFrame, DrawnMesh, FrameArray, Trajectory, finite_values
+from ...files import FrameArray, Trajectory
 from ...pictures import (
     Camera,
     ColorScale,
-    Drawing,
-    Part,
     Renderer,
-    Stage,
     framed,
     still,
     timelapse,
@@ -31,7 +26,7 @@ from ...pictures import (
     write_film,
 )
 from ...studies import particle_energies, system_in
-from ...world import FINISHES, Scene
+from ...world import Scene
 from ..options import Pictures, parse_resolution
 from ..process import stop_requests
 from ..results import overlay_path, still_path
@@ -69,7 +64,7 @@ def draw(
         began = time.perf_counter()
         shown = range(len(trajectory)) if shown is None else shown
         fps, count = trajectory.fps if fps is None else fps, len(shown)
-        scene, coloring, values = _dressed(scene, trajectory, pictures, shown)
+        scene, coloring, values = dressed(scene, trajectory, pictures, shown)
         size = parse_resolution(pictures.resolution)
         seen = framed(scene, trajectory.positions, shown, size[0] / size[1])
         forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
@@ -145,48 +140,7 @@ def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspec
     return f"\nbodies scatter over {width:.2g} m; `msdwarp render` shows where they start with {flags}"
 
 
-def drawn(
-    scene: Scene, trajectory: Trajectory, pictures: Pictures, numbers: Sequence[int], whole: bool
-) -> tuple[Iterator[DrawnFrame], dict[str, Any]]:
-    """Return frames of a trajectory, with triangles and colors as in pictures of all; see `files.export`."""
-    every = range(len(trajectory))
-    scene, coloring, values = _dressed(scene, trajectory, pictures, every)
-    drawing, stage, more = Drawing(scene, coloring), None, dict[str, Any]()
-    parts, floor = list[tuple[Part, DrawnMesh]](), list[DrawnMesh]()
-    for one in drawing.body + (drawing.obstacles if whole else []):
-        gloss, made_of, faces = one.finish.gloss, one.finish.reflectance, one.triangles - one.vertices.start
-        color = one.colors.numpy() if drawing.colors_move and one in drawing.body else one.finish.color
-        texture = None if drawing.texture is None else one.finish.texture
-        roughness = max(0.15, 0.9 - gloss) if made_of == FINISHES["matt"] else made_of.roughness
-        # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
-        shape = one.points.numpy(), one.normals.numpy(), faces, one.uv, color, texture
-        if len(faces):
-            mesh = DrawnMesh(one.name, *shape, gloss, roughness, made_of.metallic, made_of.opacity, one.moves)
-            parts.append((one, mesh))
-    if whole:
-        size, look = parse_resolution(pictures.resolution), scene.look
-        aspect = size[0] / size[1]
-        stage = Stage(scene, framed(scene, trajectory.positions, every, aspect), size, pictures.zoom)
-        more = {"view_angle": look.field_of_view, "aspect": aspect, "sun": stage.camera.light}
-        more["background"] = np.array(checks.color("background", look.background))
-        if stage.ground is not None:
-            square = stage.ground.corners, None, np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros((4, 2))
-            floor = [DrawnMesh("ground", *square, np.array(checks.color("ground", look.ground)))]
-
-    def frames() -> Iterator[DrawnFrame]:
-        for k in numbers:
-            position, at = finite_values(trajectory, k, "position"), float(trajectory.times[k])
-            drawing.follow(position, at, values and values(k))
-            view = np.zeros((4, 3))
-            if stage is not None:
-                camera = stage.camera_at(at, position)
-                view = np.array([camera.right, camera.up, -camera.forward, camera.eye])
-            yield [mesh._replace(visible=one.drawn_at(at)) for one, mesh in parts] + floor, view
-
-    return frames(), more
-
-
-def _dressed(
+def dressed(
     scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]
 ) -> tuple[Scene, str | ColorScale, Values | None]:
     """Return the scene as pictures show it: torn, and with their camera; and `_coloring`."""
