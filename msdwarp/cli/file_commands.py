@@ -110,7 +110,6 @@ def render(
     every: int = 1,
     speed: float = 1.0,
     still: float | None = None,
-    samples: int = 64,
     out: Path | None = None,
     script: Script = UNTRUSTED,
     force: Flag = False,
@@ -131,11 +130,9 @@ def render(
         Draw only every Nth frame.
     speed
         Playback speed of the film; 1 is real time, 0.25 is slow motion. A fast film skips frames to stay at 60 a
-        second.
+        second, a slow one has frames between those of the run.
     still
         Draw only the frame at this time [s], for print: SCENE_still.png, with the camera of the film.
-    samples
-        Number of pictures, each shifted by parts of a pixel, whose mean a still is: more make edges smoother.
     out
         Folder for the pictures. Default: `render` beside the trajectory, or render-2 ... if that exists.
     force
@@ -146,19 +143,20 @@ def render(
         from rich.console import Console
 
         from .. import checks
+        from ..pictures import particles_of
         from .commands.draw import draw
     talk = Console(stderr=True, quiet=quiet)
     with opened(file) as trajectory:
-        shown, fps = frames_shown(trajectory, first, last, every, speed)
+        shown, moments, fps = frames_shown(trajectory, first, last, every, speed)
         if still is not None:
             checks.between("still", still, trajectory.times[shown[0]], trajectory.times[shown[-1]])
-            checks.count("samples", samples, 1)
             pictures = replace(pictures, frames="none", video="none")
         pictures.check(len(shown))
         if not pictures.any and still is None:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
         name, scene = _scene_of(trajectory, talk, script)
         replace(scene, look=pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
+        particles_of(scene.system, pictures.body)
         usual = trajectory.path.parent / "render"
         folder = out or (usual if force else free_folder(usual))
         there = pictures_in(folder, name)
@@ -166,7 +164,7 @@ def render(
             raise FileExistsError(f"{there[0]} exists, and would be replaced; name another --out or add --force")
         writable_folder("out", folder, folder)
         # An earlier, longer film may have left further pictures, so all of them are removed.
-        more = {"still_at": still, "samples": samples, "replaced": there}
+        more = {"moments": moments, "still_at": still, "replaced": there}
         with progress_on(talk) as progress:
             line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps, **more)
     if not quiet:
@@ -315,8 +313,10 @@ def opened(file: Path) -> Iterator["Trajectory"]:
         yield trajectory
 
 
-def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, speed: float) -> tuple[range, float]:
-    """Return (indices of the frames to draw, the film's frames per second)."""
+def frames_shown(
+    trajectory: "Trajectory", first: int, last: int, every: int, speed: float
+) -> "tuple[range, Sequence[float], float]":
+    """Return (frames to draw, moments of the film as frames and fractions of them, its frames per second)."""
     from .. import checks
 
     count = len(trajectory)
@@ -333,7 +333,10 @@ def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, sp
     usual = trajectory.fps / every
     fps = usual * checks.between("speed", speed, 0.01, 100)
     step = math.ceil(fps / max(usual, _MOST_FPS) - 1e-9)
-    return shown[::step], fps / step
+    if step > 1 or fps >= (rate := min(usual, _MOST_FPS)) - 1e-9:
+        return shown[::step], shown[::step], fps / step
+    steps = math.floor((shown[-1] - shown[0]) / (every * fps / rate) + 1e-9)
+    return shown, [shown[0] + k * every * fps / rate for k in range(steps + 1)], rate
 
 
 def _drawn(

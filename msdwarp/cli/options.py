@@ -103,6 +103,16 @@ class Pictures(CameraOptions):
     the velocity, energy, stress (von Mises; bodies with a Poisson's ratio) or contact force of particles. Default:
     set by the scene."""
     body: Bodies = ()
+    floor: Literal["chequered", "plain", "shadows", "none"] | None = None
+    """How the ground is drawn: chequered, plain, none, or shadows alone, in the color of the background. Default:
+    set by the scene."""
+    shutter: float = 0.0
+    """Motion blur: the time that a picture of the film is exposed, over the time between two. 0.5 is that of a
+    film camera, 0 none."""
+    samples: int | None = None
+    """Number of pictures whose mean a picture with motion blur is, or a still. Default: 8, and 64 for a still."""
+    transparent: Flag = False
+    """Draw no background: PNG and WebP files have an opacity."""
     full_strain: float | None = None
     """Strain at the ends of the color scale. Default: set by the scene, or fitted to the run."""
     arrows: Flag = False
@@ -129,18 +139,23 @@ class Pictures(CameraOptions):
         from ..pictures import check_formats, no_opengl
         from ..world import Look
 
-        check_formats(self.frames, self.video)
+        check_formats(self.frames, self.video, self.transparent)
         parse_resolution(self.resolution)
         checks.positive("zoom", self.zoom)
         if self.renderer == "opengl" and (why := no_opengl()) is not None:
             raise ValueError(f"renderer is opengl, which cannot draw here; it must be another one or auto: {why}")
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
+        checks.between("shutter", self.shutter, 0, 1)
+        if self.samples is not None:
+            checks.count("samples", self.samples, 1)
         Look(**self.camera)  # checks the fields
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(
                 f"overlay is {self.overlay}; it must be at most the number of frames drawn, {frame_count}"
             )
+        if self.transparent and self.overlay is not None:
+            raise ValueError("overlay is given; it must not be with a transparent background")
 
 
 def flattened(options: Mapping[str, Any]) -> dict[str, Any]:

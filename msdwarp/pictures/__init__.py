@@ -11,5 +11,5 @@ from .parts import Obstacle, Part, Tubes
 from .renderer import Renderer, no_opengl, picture_size
 from .sheets import divided
 from .stage import Camera, Stage, visible
-from .timelapse import still, timelapse
+from .timelapse import exposure, timelapse
 from .warp_renderers import RayCaster

@@ -5,6 +5,9 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -16,6 +19,7 @@ from ..world import Scene
 from .arrows import LONGEST, Arrows
 from .drawing import ColorScale, Drawing
 from .legend import ROOM, arrow, bar, with_corner
+from .matte import BACKGROUNDS, Matte
 from .opengl import OpenGL
 from .opengl_window import ADVICE, has_card, opengl_window
 from .stage import Camera, Stage
@@ -55,6 +59,11 @@ class Renderer:
     arrows
         Draw forces on particles, given with each frame, as arrows in front of everything else. The number is the
         force of the longest arrow [N]; larger forces get arrows of the same length. None: no arrows.
+    bodies
+        Names of the groups that are drawn, such as `["ball"]`; "obstacles" stands for all obstacles. Empty: all.
+    transparent
+        Whether pictures have no background, and a fourth channel, the opacity: 0 … 255. They take twice the time.
+        With `Look(floor="shadows")` shadows are all that is left of the ground.
 
     Raises
     ------
@@ -76,30 +85,43 @@ class Renderer:
         device: str | None = None,
         zoom: float = 1.0,
         arrows: float | None = None,
+        bodies: Sequence[str] = (),
+        transparent: bool = False,
     ) -> None:
         checks.one_of("backend", backend, BACKENDS)
+        checks.one_of("transparent", transparent, (False, True))
+        bodies = checks.sequence("bodies", bodies, str, "'ball'")
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
         width, height = picture_size(resolution)
         checks.positive("zoom", zoom)
         if coloring is None:
             coloring = "strain" if scene.look.strain else "texture"
         start_warp()
+        self.transparent = transparent
+        """Whether pictures have a fourth channel, the opacity."""
         self.backend = _chosen(backend, device)
         """The renderer in use: "raster", "raycast" or "opengl"."""
-        self.drawing = Drawing(scene, coloring, find_device(device).alias if self.backend == "raycast" else "cpu")
+        on = find_device(device).alias if self.backend == "raycast" else "cpu"
+        self.drawing = Drawing(scene, coloring, on, bodies)
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             allowed = f"(..., {scene.system.dim}), with at least one point"
             raise ValueError(f"positions has shape {positions.shape}; it must be {allowed}")
         checks.every("positions", positions, np.isfinite(positions), "finite")
         has_legend = self.drawing.scale is not None or arrows is not None
-        self.stage = Stage(scene, positions, (width, height), zoom, ROOM if has_legend else 0.0)
+        how = positions, (width, height), zoom, ROOM if has_legend else 0.0
+        self.stage = Stage(scene, *how)
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
         if self.backend == "opengl" and (window := opengl_window()):
             os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
         kind = {"opengl": OpenGL, "raycast": RayCaster, "raster": Rasteriser}[self.backend]
-        self._backend = kind(self.drawing, self.stage, self.arrows)
+        if transparent:
+            before = [replace(scene, look=replace(scene.look, background=color)) for color in BACKGROUNDS]
+            draws = partial(kind, self.drawing, arrows=self.arrows)
+            self._backend: Any = Matte(draws, (Stage(one, *how) for one in before))
+        else:
+            self._backend = kind(self.drawing, self.stage, self.arrows)
 
     def image(
         self,
@@ -108,7 +130,7 @@ class Renderer:
         values: ArrayLike | None = None,
         forces: ArrayLike | None = None,
     ) -> NDArray[np.uint8]:
-        """Return the picture of a frame, uint8 of shape [height, width, 3].
+        """Return the picture of a frame, uint8 of shape [height, width, 3], or [height, width, 4] if transparent.
 
         Parameters
         ----------

@@ -19,8 +19,8 @@ from ...pictures import (
     Camera,
     ColorScale,
     Renderer,
+    exposure,
     framed,
-    still,
     timelapse,
     visible,
     write_film,
@@ -31,8 +31,11 @@ from ..options import Pictures, parse_resolution
 from ..process import stop_requests
 from ..results import overlay_path, still_path
 from ..signals import Interrupted, word
+from .moments import Moment, Moments, exposed
 
 Values = Callable[[int], NDArray[np.float64]]
+SMOOTH, BLURRED = 64, 8
+"""Number of pictures whose mean is a still, and a picture of a film with motion blur."""
 SCATTERED = 4.0
 """The start is small if the camera that sees all is so many times as far away as one that sees the start: it fills
 a quarter of the picture's width then. Of the built-in scenes with several bodies none reaches 2.5."""
@@ -47,40 +50,49 @@ def draw(
     progress: Progress,
     *,
     shown: Sequence[int] | None = None,
+    moments: Sequence[float] | None = None,
     fps: float | None = None,
     device: str | None = None,
     still_at: float | None = None,
-    samples: int = 1,
     replaced: Sequence[Path] = (),
 ) -> str:
     """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line about the pictures.
 
+    The film and its frames show `moments`, numbers of frames or fractions between them, by default the frames.
     `name` is the film's name, `fps` its pictures per second (by default the trajectory's), and `device` is for the
-    ray caster. At `still_at` [s] one picture is drawn from `samples` samples. Pictures in `replaced` are removed
+    ray caster. At `still_at` [s] one picture is drawn from many. Pictures in `replaced` are removed
     before the first is drawn. Raise Interrupted after a signal, between two pictures, and never while VTK is
     imported, which would crash.
     """
     with stop_requests(progress.console) as requests:
         began = time.perf_counter()
         shown = range(len(trajectory)) if shown is None else shown
-        fps, count = trajectory.fps if fps is None else fps, len(shown)
+        moments = shown if moments is None else moments
+        fps, count = trajectory.fps if fps is None else fps, len(moments)
         scene, coloring, values = dressed(scene, trajectory, pictures, shown)
         size = parse_resolution(pictures.resolution)
         seen = framed(scene, trajectory.positions, shown, size[0] / size[1])
         forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
         how = {"coloring": coloring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
+        how |= {"bodies": pictures.body, "transparent": pictures.transparent}
         renderer = Renderer(scene, seen, resolution=size, device=device, **how)
         _raise_if_stopped(requests)
         for picture in replaced:  # not earlier: the file may lack what colors or arrows show
             picture.unlink()
         positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
+        run, open_for = Moments(trajectory, values, forces), 0.0
+        if pictures.shutter and count > 1:
+            open_for = pictures.shutter * (moments[1] - moments[0])
         if not pictures.frames == pictures.video == "none":
 
             def images() -> Iterator[NDArray]:
-                for k in progress.track(shown, count, description="drawing"):
+                for moment in progress.track(moments, count, description="drawing"):
                     _raise_if_stopped(requests)
-                    force = None if forces is None else forces[k]
-                    yield renderer.image(positions[k], times[k], values and values(k), force)
+                    if open_for:
+                        through = exposed(moment, open_for, pictures.samples or BLURRED, shown)
+                        yield exposure(renderer, map(run.at, through))
+                    else:
+                        yield renderer.image(*run.at(moment))
 
             formats = {"frames": pictures.frames, "video": pictures.video}
             path = write_film(images(), folder, name=name, fps=fps, **formats)
@@ -93,18 +105,20 @@ def draw(
         if still_at is not None:
             k = shown[int(np.abs(np.asarray(times[shown]) - still_at).argmin())]
 
-            def numbers() -> Iterator[int]:
-                for sample in progress.track(range(samples), description="drawing"):
-                    _raise_if_stopped(requests)
-                    yield sample
+            samples, path = pictures.samples or SMOOTH, still_path(folder, name)
 
-            path = still_path(folder, name)
-            what = positions[k], times[k], values and values(k), None if forces is None else forces[k]
-            _save(path, still(renderer, numbers(), *what))
+            def same() -> Iterator[Moment]:
+                for _ in progress.track(range(samples), description="drawing"):
+                    _raise_if_stopped(requests)
+                    yield run.at(k)
+
+            _save(path, exposure(renderer, same()))
             drawn.append(f"the frame at {times[k]:.4g} s from {samples} sample{'s' if samples > 1 else ''}")
             results.append(str(path))
         if pictures.overlay is not None:
-            chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
+            chosen = np.array(shown)[
+                np.unique(np.linspace(0, len(shown) - 1, pictures.overlay).round().astype(int))
+            ]
             path = overlay_path(folder, name)
             all_values = None if values is None else np.array([values(k) for k in chosen])
             _raise_if_stopped(requests)
@@ -145,6 +159,7 @@ def dressed(
 ) -> tuple[Scene, str | ColorScale, Values | None]:
     """Return the scene as pictures show it: torn, and with their camera; and `_coloring`."""
     look = pictures.aimed(scene.look)
+    look = look if pictures.floor is None else replace(look, floor=pictures.floor)
     if scene.system.tears:
         scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
     color = pictures.color or ("strain" if look.strain else "texture")

@@ -17,6 +17,7 @@ from ...bodies import stress
 from ...disk import TRAJECTORY
 from ...files import Trajectory, TrajectoryWriter, write_restart
 from ...integrators import DEFAULT, METHODS
+from ...pictures import particles_of
 from ...runtime import Compiling
 from ...simulation import Readback, Simulation, SimulationDiverged, frame_count
 from ...studies import EnergyLog, GrowingTable, cheapest, particle_energies, tune
@@ -46,6 +47,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> "Run":
     options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
     replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
+    particles_of(scene.system, options.pictures.body)
     if options.pictures.color in ("energy", "stress"):  # raise ValueError for a system that has none
         if not options.strain:
             raise ValueError(f"--color {options.pictures.color} needs the strains that --no-strain leaves out")
