@@ -3,7 +3,6 @@
 Each command imports its modules when called, so that help and command-line errors appear at once.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,7 +14,7 @@ from cyclopts import Parameter
 
 from ..disk import TRAJECTORY, writable_folder
 from .error_messages import printable
-from .options import Bodies, Color, Flag, Pictures, Quiet, Verbose, ViewOptions
+from .options import Bodies, Color, Flag, Pictures, PicturesAgain, Quiet, Verbose, ViewOptions
 from .process import progress_on, start_warp
 from .results import free_folder, pictures_in
 from .script_signatures import UNTRUSTED, Script
@@ -29,9 +28,7 @@ if TYPE_CHECKING:
 
 File = Annotated[Path, Parameter(help="A trajectory (*.vtkhdf) or a run's folder.")]
 DeviceBefore = Annotated[str | None, Parameter(help="Device to simulate on. Default: the one used before.")]
-PICTURES, VIEW = Pictures(), ViewOptions()
-_MOST_FPS = 60.0
-"""Most pictures per second of a film; faster films skip frames."""
+PICTURES, AS_BEFORE, VIEW = Pictures(), PicturesAgain(), ViewOptions()
 
 
 def info(file: File, /) -> None:
@@ -145,6 +142,7 @@ def render(
         from .. import checks
         from ..pictures import particles_of
         from .commands.draw import draw
+        from .commands.moments import frames_shown
     talk = Console(stderr=True, quiet=quiet)
     with opened(file) as trajectory:
         shown, moments, fps = frames_shown(trajectory, first, last, every, speed)
@@ -240,6 +238,7 @@ def resume(
     *,
     duration: float | None = None,
     device: DeviceBefore = None,
+    pictures: PicturesAgain = AS_BEFORE,
     script: Script = UNTRUSTED,
     force: Flag = False,
     quiet: Quiet = False,
@@ -248,7 +247,8 @@ def resume(
     """Continue an interrupted run to its end, and draw it.
 
     The result equals that of an uninterrupted run bit for bit. On a GPU this does not hold for the algorithm
-    scatter and the integrator linearly-implicit-euler.
+    scatter and the integrator linearly-implicit-euler. It is drawn as the run was to be, but for the flags of
+    pictures that are given.
 
     Parameters
     ----------
@@ -265,7 +265,8 @@ def resume(
     if not folder.exists():
         raise FileNotFoundError(f"{folder} does not exist; it must be the folder of a run")
     folder = folder if folder.is_dir() else folder.parent
-    resume_run(folder, duration=duration, device=device, force=force, quiet=quiet, script=script)
+    given = {"duration": duration, "device": device, "pictures": pictures, "script": script}
+    resume_run(folder, force=force, quiet=quiet, **given)
 
 
 def rerun(
@@ -311,32 +312,6 @@ def opened(file: Path) -> Iterator["Trajectory"]:
     probe(path)
     with Trajectory(path) as trajectory:
         yield trajectory
-
-
-def frames_shown(
-    trajectory: "Trajectory", first: int, last: int, every: int, speed: float
-) -> "tuple[range, Sequence[float], float]":
-    """Return (frames to draw, moments of the film as frames and fractions of them, its frames per second)."""
-    from .. import checks
-
-    count = len(trajectory)
-    if not count:
-        raise ValueError(f"{trajectory.path} has no frames to draw")
-    for name, k in (("first", first), ("last", last)):
-        if not -count <= k < count:
-            raise ValueError(
-                f"{name} is {k}; the run has {count} frames, and it must be from {-count} to {count - 1}"
-            )
-    shown = range(first % count, last % count + 1, checks.count("every", every, 1))
-    if not shown:
-        raise ValueError(f"last is {last}; it must not be before first, which is {first}")
-    usual = trajectory.fps / every
-    fps = usual * checks.between("speed", speed, 0.01, 100)
-    step = math.ceil(fps / max(usual, _MOST_FPS) - 1e-9)
-    if step > 1 or fps >= (rate := min(usual, _MOST_FPS)) - 1e-9:
-        return shown[::step], shown[::step], fps / step
-    steps = math.floor((shown[-1] - shown[0]) / (every * fps / rate) + 1e-9)
-    return shown, [shown[0] + k * every * fps / rate for k in range(steps + 1)], rate
 
 
 def _drawn(

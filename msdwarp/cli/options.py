@@ -5,11 +5,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from cyclopts import Parameter
 
-from .results import overlay_path
+from .results import overlay_path, pass_path
 
 if TYPE_CHECKING:
     from ..world import Look
@@ -111,6 +111,9 @@ class Pictures(CameraOptions):
     film camera, 0 none."""
     samples: int | None = None
     """Number of pictures whose mean a picture with motion blur is, or a still. Default: 8, and 64 for a still."""
+    passes: Annotated[tuple[Literal["depth", "mask"], ...], Parameter(negative=())] = ()
+    """Write beside each picture of the film, for compositing, the distance of what is seen from the camera
+    (depth_0000.tif) or which body it is (mask_0000.png, with names in masks.json); may be repeated."""
     transparent: Flag = False
     """Draw no background: PNG and WebP files have an opacity."""
     full_strain: float | None = None
@@ -124,12 +127,13 @@ class Pictures(CameraOptions):
     @property
     def any(self) -> bool:
         """Whether anything is to be drawn."""
-        return self.overlay is not None or not self.frames == self.video == "none"
+        return self.overlay is not None or bool(self.passes) or not self.frames == self.video == "none"
 
     def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
         """Return whether a folder has all pictures of a run with `frame_count` frames."""
         wanted = [] if self.overlay is None else [overlay_path(folder, name)]
         wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
+        wanted += [pass_path(folder, name, frame_count - 1) for name in self.passes]
         wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
         return all(path.exists() for path in wanted)
 
@@ -156,6 +160,24 @@ class Pictures(CameraOptions):
             )
         if self.transparent and self.overlay is not None:
             raise ValueError("overlay is given; it must not be with a transparent background")
+
+
+@Parameter(name="*", show_default=False)
+@dataclass(frozen=True, kw_only=True)
+class PicturesAgain(Pictures):
+    """What to draw of a run that goes on: what it was to draw, but for the flags that are given."""
+
+    given: ClassVar[Mapping[str, Any]] = {}
+
+    def __new__(cls, **given: Any) -> "PicturesAgain":
+        """Keep which flags are given, to tell them from defaults."""
+        one = super().__new__(cls)
+        object.__setattr__(one, "given", given)
+        return one
+
+    def over(self, before: Pictures) -> Pictures:
+        """Return what was to be drawn before, changed by the flags that are given."""
+        return replace(before, **self.given)
 
 
 def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -261,7 +283,7 @@ class Options(SimulationOptions):
         log = self.log
         if log is not None and not self.logs_in_folder:
             log = str(Path(log).absolute())  # the run may be resumed from another folder
-        pictures = asdict(self.pictures) | {"body": list(self.pictures.body)}
+        pictures = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(self.pictures).items()}
         return asdict(self) | {"out": self.out and str(self.out), "log": log, "pictures": pictures}
 
 

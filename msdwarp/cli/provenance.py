@@ -130,9 +130,8 @@ def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
             if not fits(value, hints[name]):
                 raise ValueError(f"the run's {name} is {checks.repr_short(value)}, which no run stores")
     out = values.pop("out", None)
-    return Options(
-        **values, out=out and Path(out), pictures=Pictures(**{**pictures, "body": tuple(pictures.get("body", ()))})
-    )
+    drawing: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in pictures.items()}
+    return Options(**values, out=out and Path(out), pictures=Pictures(**drawing))
 
 
 def fits(value: Any, kind: Any) -> bool:

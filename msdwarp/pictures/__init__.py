@@ -12,4 +12,4 @@ from .renderer import Renderer, no_opengl, picture_size
 from .sheets import divided
 from .stage import Camera, Stage, visible
 from .timelapse import exposure, timelapse
-from .warp_renderers import RayCaster
+from .warp_renderers import Passes, RayCaster

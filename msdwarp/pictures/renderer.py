@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,7 +19,6 @@ from ..world import Scene
 from .arrows import LONGEST, Arrows
 from .drawing import ColorScale, Drawing
 from .legend import ROOM, arrow, bar, with_corner
-from .matte import BACKGROUNDS, Matte
 from .opengl import OpenGL
 from .opengl_window import ADVICE, has_card, opengl_window
 from .stage import Camera, Stage
@@ -30,6 +29,8 @@ BACKENDS = ("auto", "raster", "raycast", "opengl")
 
 The class of each takes (drawing, stage, arrows); its `draw(..., shadows)` returns the image.
 """
+BACKGROUNDS = ("#000000", "#ffffff")
+"""Backgrounds of the two pictures of which a transparent one is made."""
 
 
 class Renderer:
@@ -119,7 +120,7 @@ class Renderer:
         if transparent:
             before = [replace(scene, look=replace(scene.look, background=color)) for color in BACKGROUNDS]
             draws = partial(kind, self.drawing, arrows=self.arrows)
-            self._backend: Any = Matte(draws, (Stage(one, *how) for one in before))
+            self._backend: Any = _Matte(draws, (Stage(one, *how) for one in before))
         else:
             self._backend = kind(self.drawing, self.stage, self.arrows)
 
@@ -272,3 +273,41 @@ def picture_size(resolution: object) -> tuple[int, int]:
         raise ValueError(f"resolution is {given}; it must be two whole numbers, width and height")
     width, height = (checks.count("resolution", n, 16) for n in resolution)
     return width, height
+
+
+class _Matte:
+    """A renderer, made of two that see the same before black and before white.
+
+    The share of the background in a pixel is what the two differ by (A. R. Smith and J. F. Blinn, "Blue screen
+    matting", SIGGRAPH 1996). Shadows on a ground in the background's color become black and translucent.
+    """
+
+    def __init__(self, kind: Callable[[Stage], Any], stages: Iterable[Stage]) -> None:
+        self._renderers = [kind(stage) for stage in stages]
+
+    def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Set the camera of the next pictures; the lights stay."""
+        for one in self._renderers:
+            one.look_from(camera, size)
+
+    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture of the drawing's current state, uint8 of shape [height, width, 4]."""
+        black, white = (one.draw(shadows=shadows).astype(np.float32) for one in self._renderers)
+        share = 255 - np.clip((white - black).mean(axis=2, keepdims=True), 0, 255)
+        return from_premultiplied(np.concatenate([black, share], axis=2))
+
+
+def premultiplied(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return a picture with colors multiplied by opacity, in 0 … 255, as which pictures can be added."""
+    values = image.astype(np.float32)
+    if image.shape[2] == 4:
+        values[..., :3] *= values[..., 3:] / 255
+    return values
+
+
+def from_premultiplied(values: NDArray) -> NDArray[np.uint8]:
+    """Return a picture, given colors in 0 … 255 multiplied by opacity, and opacity if there are four channels."""
+    if values.shape[2] == 4:
+        color = values[..., :3] * (255 / np.maximum(values[..., 3:], 0.5))
+        values = np.concatenate([np.minimum(color, 255), values[..., 3:]], axis=2)
+    return (values + 0.5).astype(np.uint8)

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .matte import from_premultiplied, premultiplied
-from .renderer import Renderer, finite_array
+from .renderer import Renderer, finite_array, from_premultiplied, premultiplied
 
 FAINTEST = 0.22
 """Opacity of the first of several poses."""

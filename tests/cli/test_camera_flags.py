@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from msdwarp import Look, Trajectory
-from msdwarp.cli.file_commands import frames_shown
+from msdwarp.cli.commands.moments import frames_shown
 from msdwarp.cli.options import Options, Pictures
 from msdwarp.cli.provenance import restored_options
 

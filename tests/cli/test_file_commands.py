@@ -6,7 +6,7 @@ from PIL import Image
 from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory, TrajectoryWriter, chain
-from msdwarp.cli.commands.draw import round_up
+from msdwarp.cli.commands.quantities import round_up
 
 PICTURES = ["--resolution", "128x72", "--frames", "none"]
 

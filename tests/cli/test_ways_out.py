@@ -29,7 +29,7 @@ from msdwarp import (
     sheet,
     shell,
 )
-from msdwarp.cli.commands.draw import round_up
+from msdwarp.cli.commands.quantities import round_up
 from msdwarp.cli.options import Options, Pictures
 from msdwarp.pictures import ColorScale, Drawing
 from msdwarp.shapes import icosphere

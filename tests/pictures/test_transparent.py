@@ -35,7 +35,7 @@ def test_laid_over_the_background_it_is_the_picture_before_it(backend, floor):
     image = picture(backend, floor=floor)
     opaque = picture(backend, floor=floor, transparent=False)
     assert (image.shape, image.dtype) == ((90, 160, 4), np.uint8)
-    # Colors and opacities are rounded to 1/255, which adds up to 2. A ray caster refines pixels where its four rays
+    # Colors and opacities are rounded to 1/255, which adds up to 2. A ray caster refines pixels where its rays
     # differ, which depends on the background: some edges are a few steps apart.
     apart = np.abs(over(image, SKY) - opaque)
     assert (apart > 2.5).mean() < (0.03 if backend == "raycast" else 1e-9)

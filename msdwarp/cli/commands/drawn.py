@@ -12,10 +12,10 @@ from ...files import DrawnFrame, DrawnMesh, Trajectory, finite_values, free_name
 from ...pictures import Drawing, Obstacle, Part, Stage, Tubes, framed, uncovered
 from ...world import FINISHES, Scene
 from ..options import Pictures, parse_resolution
-from .draw import dressed
+from .quantities import dressed
 
 
-class _Piece(NamedTuple):
+class Piece(NamedTuple):
     """What of a drawing's part is one body."""
 
     part: Part
@@ -39,7 +39,7 @@ def drawn(
     scene, coloring, values = dressed(scene, trajectory, pictures, every)
     drawing, stage, more = Drawing(scene, coloring, bodies=pictures.body), None, dict[str, Any]()
     solids, floor = drawing.obstacles if to in ("usd", "glb") or pictures.body else [], list[DrawnMesh]()
-    found = _pieces(drawing, [*drawing.body, *solids], scene, curves=to == "usd")
+    found = bodies_of(drawing, [*drawing.body, *solids], scene, curves=to == "usd")
     if to == "usd":
         size, look = parse_resolution(pictures.resolution), scene.look
         aspect = size[0] / size[1]
@@ -69,7 +69,7 @@ def drawn(
     return frames(), more
 
 
-def _pieces(drawing: Drawing, parts: Sequence[Part], scene: Scene, *, curves: bool) -> list[_Piece]:
+def bodies_of(drawing: Drawing, parts: Sequence[Part], scene: Scene, *, curves: bool = False) -> list[Piece]:
     """Return parts divided into bodies, those of a body one after the other."""
     system, names = scene.system, dict[Any, str]()
     groups = {name: mask_of(group, system.particle_count) for name, group in system.groups.items()}
@@ -84,13 +84,13 @@ def _pieces(drawing: Drawing, parts: Sequence[Part], scene: Scene, *, curves: bo
         wanted = part.name if own else min(around, key=lambda name: np.count_nonzero(groups[name]))
         return names.setdefault((wanted, body), free_name(wanted, names.values()))
 
-    found = list[_Piece]()
+    found = list[Piece]()
     for part in parts:
         mesh, triangles = _mesh_of(part, drawing), part.triangles - part.vertices.start
         colors_move = drawing.colors_move and part in drawing.body
         if isinstance(part, Obstacle):
             whole = mesh._replace(name=named(part, part, np.zeros(0, int)))
-            found.append(_Piece(part, whole, slice(None), slice(None), colors_move))
+            found.append(Piece(part, whole, slice(None), slice(None), colors_move))
             continue
         particle, weights = (each.numpy() for each in part.mixture)
         of_triangle = (joined if part.radius else bodies)[particle[triangles[:, 0], 0]]
@@ -103,12 +103,12 @@ def _pieces(drawing: Drawing, parts: Sequence[Part], scene: Scene, *, curves: bo
                 one = one._replace(color=mesh.color[vertices])
             if not (curves and part.of_rope) or colors_move:
                 corners = corners.reshape(-1, 3).astype(np.int32)
-                found.append(_Piece(part, one._replace(triangles=corners), vertices, mine, colors_move))
+                found.append(Piece(part, one._replace(triangles=corners), vertices, mine, colors_move))
             elif isinstance(part, Tubes):
                 firsts = mine[:: part.corners]
                 springs = np.searchsorted(particles, part.connections.numpy()[firsts // part.corners])
                 rope = one._replace(normals=None, triangles=springs.astype(np.int32), radius=part.radius)
-                found.append(_Piece(part, rope, vertices, firsts, colors_move, particles))
+                found.append(Piece(part, rope, vertices, firsts, colors_move, particles))
     order = list(names.values())
     return sorted(found, key=lambda one: order.index(one.mesh.name))
 
@@ -125,7 +125,7 @@ def _mesh_of(part: Part, drawing: Drawing) -> DrawnMesh:
     )
 
 
-def _in_frame(one: _Piece, position: NDArray, velocity: NDArray | None, time: float) -> DrawnMesh:
+def _in_frame(one: Piece, position: NDArray, velocity: NDArray | None, time: float) -> DrawnMesh:
     """Return a body in the frame that the drawing shows, given positions and velocities of particles in space."""
     part, mesh, visible, moving = one.part, one.mesh, one.part.drawn_at(time), None
     visible = None if visible is None else visible[one.triangles]
