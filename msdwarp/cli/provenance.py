@@ -141,7 +141,7 @@ def fits(value: Any, kind: Any) -> bool:
     if get_origin(kind) is Literal:
         return any(type(value) is type(one) and value == one for one in get_args(kind))
     if get_origin(kind) is tuple:
-        return isinstance(value, list) and all(_fits(one, get_args(kind)[0]) for one in value)
+        return isinstance(value, list | tuple) and all(fits(one, get_args(kind)[0]) for one in value)
     kinds = {float: (int, float), Path: str}.get(kind, kind)
     return isinstance(value, kinds) and (kind is bool or not isinstance(value, bool))
 
