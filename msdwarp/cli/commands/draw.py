@@ -24,7 +24,7 @@ from ...pictures import (
 from ...world import Scene
 from ..options import Pictures, parse_resolution
 from ..process import stop_requests
-from ..results import overlay_path, still_path
+from ..results import overlay_path, pass_path, still_path
 from ..signals import Interrupted, word
 from .moments import Moment, Moments, exposed
 from .passes import PassFiles
@@ -99,6 +99,8 @@ def draw(
             if pictures.frames == "png":
                 others = f" ... frame_{count - 1:04d}.png" if count > 1 else ""
                 results.append(f"{folder / 'frame_0000.png'}{others}")
+            for kind in pictures.passes:
+                results.append(f"{pass_path(folder, kind, 0)} ...")
             if path is not None:
                 results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
         if still_at is not None:
