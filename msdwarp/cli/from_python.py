@@ -65,7 +65,7 @@ def run(
         Print errors only.
     flags
         Any other flag of `msdwarp run`, with underscores: color="strain", azimuth=30.0, every=2, settle=True,
-        contact_forces=True, log="energy.csv" ...
+        contact_forces=True, log="energy.csv", body="ball", transparent=True ...
 
     Returns
     -------
@@ -136,6 +136,8 @@ def _options(given: Mapping[str, Any]) -> "Options":
         values["resolution"] = "x".join(map(str, values["resolution"]))
     if isinstance(values.get("target"), tuple):
         values["target"] = ",".join(map(str, values["target"]))
+    for name in {"body", "passes"} & values.keys():
+        values[name] = (values[name],) if isinstance(values[name], str) else tuple(values[name])
     if isinstance(method := values["integrator"], Integrator):
         values["integrator"] = next((name for name, one in METHODS.items() if one == method), method)
     for name, value in values.items():

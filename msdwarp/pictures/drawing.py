@@ -16,12 +16,15 @@ from ..runtime import ReleasedInTurn, in_turn
 from ..world import FINISHES, Look, Scene
 from .collider_meshes import meshes, walls
 from .dressing import (
+    OBSTACLES,
     inside_of,
     look_of_particles,
     look_of_triangles,
     outermost_connections,
     part_of,
+    particles_of,
     torn,
+    triangles_within,
     uncovered,
 )
 from .light import BOUNCE, CONTACT, EVEN_AMBIENT, EVEN_DIFFUSE, KEY_FROM, SKY, towards
@@ -68,7 +71,8 @@ class Drawing(ReleasedInTurn):
     Drawn are the system's surface, and tubes along springs between bodies or of bodies without surface. If colors
     show strain, or there is neither a surface nor a look of a group, tubes along all springs are drawn instead,
     and in small systems balls at particles. Solid colliders come last. A spring disappears when it breaks
-    (`System.broken_at`).
+    (`System.broken_at`). If `bodies` names groups, only these are drawn, and no obstacles unless it names
+    "obstacles".
 
     Attributes
     ----------
@@ -84,7 +88,9 @@ class Drawing(ReleasedInTurn):
     """
 
     @in_turn
-    def __init__(self, scene: Scene, coloring: str | ColorScale, device: str = "cpu") -> None:
+    def __init__(
+        self, scene: Scene, coloring: str | ColorScale, device: str = "cpu", bodies: Sequence[str] = ()
+    ) -> None:
         system, look = scene.system, scene.look
         self.by_value = isinstance(coloring, ColorScale)
         bare = system.surface is None
@@ -105,15 +111,18 @@ class Drawing(ReleasedInTurn):
         self.sky, self.bounce, self.contact, self.diffuse = even if self.by_value else (SKY, BOUNCE, CONTACT, 1.0)
         self.colors_move = self.scale is not None
         self.device = device
-        self.body = self._body_of(scene)
+        self.body = self._body_of(scene, particles_of(system, bodies))
         finish = self._finish(checks.color("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
         backs = [axes_of(view)[2] for view in look.views]
         right = axes_of(look.views[0])[0]
         solids = [*meshes(scene), *walls(scene, [*backs, towards(KEY_FROM, right, -backs[0])])]
+        solids = solids if not bodies or OBSTACLES in bodies else []
         self.obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
         for part in self.obstacles:
             part.name = "obstacle"
         parts = [*self.body, *self.obstacles]
+        if not parts:
+            raise ValueError(f"body is {', '.join(bodies)}; nothing of it can be drawn")
         self.below = max(part.radius for part in parts)
         """Depth below the ground down to which triangles are drawn [m]."""
 
@@ -147,11 +156,13 @@ class Drawing(ReleasedInTurn):
         for one in self.obstacles:
             one.follow(self._x, 0.0)
 
-    def _body_of(self, scene: Scene) -> list[Part]:
-        """Return the parts that move with the particles, such as surfaces and springs, grouped by `Look`."""
+    def _body_of(self, scene: Scene, chosen: NDArray[np.bool_]) -> list[Part]:
+        """Return the parts that move with chosen particles, such as surfaces and springs, grouped by `Look`."""
         system, of_particle = scene.system, look_of_particles(scene)
         surface = None if self.shows_strain else system.surface
         of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(surface, of_particle)
+        if surface is not None:
+            of_triangle = np.where(triangles_within(surface, chosen), of_triangle, -1)
         obstacles = kept_off(scene)
         of_sheet = (
             triangles_of_sheets(system) if len(of_triangle) and obstacles else np.zeros(len(of_triangle), bool)
@@ -161,7 +172,7 @@ class Drawing(ReleasedInTurn):
             drawn = drawn & between
         if self.shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
             drawn = drawn & outermost_connections(system)
-        shown = np.flatnonzero(drawn)
+        shown = np.flatnonzero(drawn & chosen[system.connections].all(axis=1))
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)
         body: list[Part] = []
@@ -177,12 +188,17 @@ class Drawing(ReleasedInTurn):
                 flat = SurfacePart(part, finish, look.smooth, self.device, parted if parts else None)
                 corners = part.points(system.position)[part.triangles]
                 body.append(Sheet(flat, corners, system.pinned, obstacles, self.device) if bends else flat)
-            if tears is not None and (bare := of_particle[tears.triangles].max(axis=1) == k).any():
+            if (
+                tears is not None
+                and (
+                    bare := (of_particle[tears.triangles].max(axis=1) == k) & chosen[tears.triangles].all(axis=1)
+                ).any()
+            ):
                 crumb = Finish(np.array(checks.color("inside", look.inside or look.color)))
                 times = tears.until[bare], tears.since[bare]
                 body.append(SurfacePart(inside_of(tears.triangles[bare]), crumb, False, self.device, *times))
             own = shown[of_connection == k]
-            particles = np.flatnonzero(of_particle == k)
+            particles = np.flatnonzero((of_particle == k) & chosen)
             if self._plain_tubes and len(own) + len(particles):
                 body += self._tubes_and_balls(system, look, own, particles)
             elif len(own):
@@ -224,7 +240,9 @@ class Drawing(ReleasedInTurn):
         joints = np.unique(system.connections[shown])
         halvings = 1 if len(joints) <= MOST_JOINTS or look.particles else 0
         balls = Balls(joints, (BALL if look.particles else TUBE) * unit, finish, self.device, halvings)
-        return [self._tubes(system, unit, shown, finish, ROUND), balls]
+        tubes = self._tubes(system, unit, shown, finish, ROUND)
+        tubes.of_rope, balls.of_rope = True, not look.particles
+        return [tubes, balls]
 
     def _unit(self, system: System, look: Look, shown: NDArray) -> float:
         """Return the length unit of TUBE and BALL for some springs [m]."""

@@ -3,11 +3,17 @@
 Looks are numbered: 0 is the scene's, followed by those of groups in order. If several apply, the last one counts.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import checks
 from ..bodies import Bare, Edges, Surface, System, laid_bare, mask_of, pieces
 from ..world import Scene
+
+OBSTACLES = "obstacles"
+"""Name that stands for all obstacles where bodies are chosen by name."""
 
 
 def look_of_particles(scene: Scene) -> NDArray[np.int32]:
@@ -22,6 +28,25 @@ def look_of_triangles(surface: Surface, look_of: NDArray[np.int32]) -> NDArray[n
     """Return the number of each triangle's look, shape [triangle_count], from the looks of particles."""
     particle, weights = surface.mixture
     return np.where(weights != 0, look_of[particle], 0).max(axis=1)[surface.triangles].max(axis=1)
+
+
+def particles_of(system: System, bodies: Sequence[str]) -> NDArray[np.bool_]:
+    """Return a mask of the particles in any of these groups, shape [particle_count]; of all, if none is named.
+
+    Raise ValueError unless each name is that of a group, or OBSTACLES.
+    """
+    if not bodies:
+        return np.ones(system.particle_count, dtype=bool)
+    for name in bodies:
+        checks.one_of("body", name, (*system.groups, OBSTACLES))
+    chosen = [system.groups[name] for name in bodies if name in system.groups]
+    return mask_of(np.concatenate([np.zeros(0, int), *chosen]), system.particle_count)
+
+
+def triangles_within(surface: Surface, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which triangles follow only particles of a mask, shape [triangle_count]."""
+    particle, weights = surface.mixture
+    return (chosen[particle] | (weights == 0)).all(axis=1)[surface.triangles].all(axis=1)
 
 
 def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:

@@ -61,5 +61,9 @@ def arrow(height: int, label: str, fraction: float) -> Image.Image:
 def with_corner(image: NDArray[np.uint8], legend: Image.Image, *, right: bool) -> NDArray[np.uint8]:
     """Return the picture with a legend in its upper right or left corner."""
     picture = Image.fromarray(image)
-    picture.paste(legend, (picture.width - legend.width if right else 0, 0), legend)
+    at = picture.width - legend.width if right else 0, 0
+    if picture.mode == "RGBA":
+        picture.alpha_composite(legend, at)
+    else:
+        picture.paste(legend, at, legend)
     return np.asarray(picture)

@@ -42,6 +42,9 @@ class Part:
     finish: Finish
     radius = 0.0  # reach around the particles [m]
     moves = True
+    of_rope = (
+        False  # whether curves can take its place: tubes of a rope, and balls that fill the gaps between them
+    )
     closed = True  # whether back faces are always hidden
     mixture: tuple[wp.array, wp.array]  # particles and weights of each vertex, shape [vertex_count, k]
     corners = 3  # vertices of each piece: of a tube, of a ball, or of a triangle that may part

@@ -168,7 +168,7 @@ class Camera:
 
 
 class Ground:
-    """The ground: a square of a plane, chequered for scale, that fades into the background."""
+    """The ground: a square of a plane, chequered for scale by default, that fades into the background."""
 
     def __init__(self, scene: Scene, points: NDArray) -> None:
         plane, look = scene.ground, scene.look
@@ -188,10 +188,12 @@ class Ground:
         along = (self.half * (2 * (np.arange(size) + 0.5) / size - 1)).astype(np.float32)
         u, v = (along + np.float32(self.centre @ axis) for axis in (self.u, self.v))
         odd = (np.floor(u / self.tile)[None, :] + np.floor(v / self.tile)[:, None]) % 2
+        odd = odd if look.floor == "chequered" else np.zeros_like(odd)
         far = np.sqrt(along[None, :] ** 2 + along[:, None] ** 2) / self.half
         fade = np.clip(1.25 - 1.35 * far, 0, 1) ** 2
         self.texture = np.empty((size, size, 3), np.uint8)
-        colors = checks.color("ground", look.ground), checks.color("background", look.background)
+        sky = checks.color("background", look.background)
+        colors = sky if look.floor == "shadows" else checks.color("ground", look.ground), sky
         for k, (ground, sky) in enumerate(zip(*colors, strict=True)):
             self.texture[..., k] = 255 * (sky + fade * (ground * (1 - 0.07 * odd) - sky)) + 0.5
 
@@ -231,7 +233,7 @@ class Stage:
         angles = [(math.radians(view.azimuth), math.radians(view.elevation)) for view in self.look.views]
         self._times = np.array([one.time for one in self.look.path])
         self._way = np.column_stack([angles, away, [one.target for one in cameras]])
-        self.ground = Ground(scene, points) if scene.ground else None
+        self.ground = Ground(scene, points) if scene.ground and scene.look.floor != "none" else None
 
     def _camera_of(self, scene: Scene, look: Look, points: NDArray, zoom: float, above: float) -> Camera:
         """Return the camera of a look; unless the look aims it, it sees all points [m], shape [any, 3]."""

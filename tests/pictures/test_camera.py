@@ -7,7 +7,7 @@ import pytest
 from backends import BACKENDS
 
 import msdwarp as msd
-from msdwarp.pictures import still
+from msdwarp.pictures import exposure
 from msdwarp.pictures.stage import Stage, _smooth
 from msdwarp.world.stored_scene import scene_as_stored, scene_from_stored
 
@@ -115,7 +115,7 @@ def test_a_still_is_the_mean_of_shifted_views(cube, backend):
     fine = msd.Renderer(scene, cube.position, resolution=(8 * SIZE[0], 8 * SIZE[1]), backend=backend)
     exact = fine.image(cube.position).reshape(SIZE[1], 8, SIZE[0], 8, 3).mean(axis=(1, 3))
     plain = coarse.image(cube.position)
-    smooth = still(coarse, range(32), cube.position)
+    smooth = exposure(coarse, [(cube.position, 0.0, None, None)] * 32)
     near = np.ptp(exact[1:-1, 1:-1], axis=2) > 40  # the body and its edges; shadows on the ground are grey
     # Samples may lie half a pixel beside their pixel: at edges, a tenth of these pixels, that is a slight blur.
     assert np.abs(smooth - exact)[1:-1, 1:-1][near].mean() < 1.0  # of 255

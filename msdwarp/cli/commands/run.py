@@ -17,6 +17,7 @@ from ...bodies import stress
 from ...disk import TRAJECTORY
 from ...files import Trajectory, TrajectoryWriter, write_restart
 from ...integrators import DEFAULT, METHODS
+from ...pictures import particles_of
 from ...runtime import Compiling
 from ...simulation import Readback, Simulation, SimulationDiverged, frame_count
 from ...studies import EnergyLog, GrowingTable, cheapest, particle_energies, tune
@@ -45,11 +46,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> "Case":
     duration = scene.duration if options.duration is None else options.duration
     options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
-    replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
-    if options.pictures.color in ("energy", "stress"):  # raise ValueError for a system that has none
-        if not options.strain:
-            raise ValueError(f"--color {options.pictures.color} needs the strains that --no-strain leaves out")
-        {"energy": particle_energies, "stress": stress}[options.pictures.color](scene.system)
+    check_drawable(scene, options)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
     if options.pictures.any or options.trajectory != "none":
@@ -75,6 +72,16 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> "Case":
         case = Case(scene, options, simulation, folder, origin.name, made_by, log, talk)
         case.to(last)
     return case
+
+
+def check_drawable(scene: Scene, options: Options) -> None:
+    """Raise ValueError if the scene lacks a body or a quantity that pictures are to show."""
+    replace(scene, look=options.pictures.aimed(scene.look))
+    particles_of(scene.system, options.pictures.body)
+    if options.pictures.color in ("energy", "stress"):
+        if not options.strain:
+            raise ValueError(f"--color {options.pictures.color} needs the strains that --no-strain leaves out")
+        {"energy": particle_energies, "stress": stress}[options.pictures.color](scene.system)
 
 
 def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
