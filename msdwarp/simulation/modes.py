@@ -67,7 +67,7 @@ def modes(system: System | Scene | Simulation, count: int = 10) -> Modes:
 
     Damping ratios are those of the diagonal of the modal damping matrix, with B = −∂F/∂v at rest: exact if K and B
     have the same modes, else good if damping is small (Clough & Penzien, *Dynamics of Structures*, chapter 12).
-    A straight rod has no plane of bending, in which its dampers act; so bending has the ratio 0 there.
+    A straight rod has no plane of bending, in which its dampers act: bending has the ratio 0 then.
 
     Each body that nothing holds has six rigid motions of frequency 0 (three in a plane, one on a line); they count.
     Other modes of frequency 0 are mechanisms, such as sideways motions of a rope without tension. After settling,
@@ -81,7 +81,7 @@ def modes(system: System | Scene | Simulation, count: int = 10) -> Modes:
         after `settle`. Velocities do not count. A simulation in float32 has rounded positions, which change the
         slowest frequencies of slender bodies: use float64, or give a scene.
     count
-        Number of modes: those with the least |ω|.
+        Number of modes: those with the least |ω|; all, if there are fewer.
 
     Raises
     ------
@@ -105,8 +105,8 @@ def modes(system: System | Scene | Simulation, count: int = 10) -> Modes:
     at_rest = problem.system.replace(velocity=np.zeros_like(problem.system.velocity))
     tangent = Tangent(assembly, State.from_system(at_rest, assembly.model), time)
     ways = _free_ways(problem, tangent, time)
-    if count > ways.shape[1]:
-        raise ValueError(f"count is {count}; it must be at most {ways.shape[1]}, the number of free coordinates")
+    if not (count := min(count, ways.shape[1])):
+        raise ValueError("the system has no particle that can move; some must be neither pinned nor driven")
     mass = np.repeat(np.where(np.isfinite(assembly.model.mass), assembly.model.mass, 0.0), assembly.model.dim)
     ways = ways @ diags_array(1 / np.sqrt(ways.T.power(2) @ mass))  # now of unit mass
     stiffness, damping = (ways.T @ matrix @ ways for matrix in tangent.matrices())

@@ -55,7 +55,7 @@ def _draw(name: str, scene: Scene, found: Modes, options: ModesOptions) -> None:
     """Draw the shapes of those modes whose frequency is not 0."""
     chosen = np.flatnonzero(found.frequencies)
     if not len(chosen):
-        print("nothing is drawn: all these modes have the frequency 0; a larger --modes has others")
+        print("nothing is drawn, as all frequencies are 0; a larger --modes, or --settle, may find others")
         return
     moved = AMPLITUDE * np.ptp(found.position, axis=0).max() * found.shapes[chosen]
     values = np.linalg.norm(found.shapes[chosen], axis=2)
