@@ -65,11 +65,11 @@ def modes(system: System | Scene | Simulation, count: int = 10) -> Modes:
     gravity themselves have no derivative. Pinned and driven particles stay where they are. So do particles that
     press on an obstacle without a stiffness, and without friction they slide on it. Nothing breaks or yields.
 
-    Damping ratios are those of the diagonal of the modal damping matrix, with B = −∂F/∂v at rest: exact if K and B
-    have the same modes, else good if damping is small (Clough & Penzien, *Dynamics of Structures*, chapter 12).
+    Damping ratios are those of the diagonal of the modal damping matrix, with B = −∂F/∂v at rest: exact if K and
+    B have the same modes, else good if damping is small (Clough & Penzien, *Dynamics of Structures*, chapter 12).
     A straight rod has no plane of bending, in which its dampers act: bending has the ratio 0 then.
 
-    Each body that nothing holds has six rigid motions of frequency 0 (three in a plane, one on a line); they count.
+    A body that nothing holds has six rigid motions of frequency 0 (three in a plane, one on a line); they count.
     Other modes of frequency 0 are mechanisms, such as sideways motions of a rope without tension. After settling,
     the forces that are left can give such a mode a small frequency of either sign. SciPy's `eigsh` finds the modes
     by the inverse of a shifted K (Ericsson & Ruhe, Math. Comp. 35, 1980); of a solid of 20³ particles in 15 s.
