@@ -1,6 +1,5 @@
 """Modes: eigenfrequencies, shapes and damping ratios of small vibrations about a state at rest."""
 
-import warnings
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -137,7 +136,7 @@ def _problem_at_rest(system: System | Scene | Simulation) -> tuple[Problem, floa
         if isinstance(problem, Scene) and problem.settled:
             problem, found, _ = settled(problem, partial(assemble, device="cpu"))
             if not found.converged:
-                warnings.warn(str(found), checks.SettleWarning, stacklevel=4)
+                checks.warn(str(found), checks.SettleWarning)
     if problem.contact_rules:
         contact = assemble(problem, device="cpu", precision="float64").body_contact
         if contact is not None and contact.touches:
