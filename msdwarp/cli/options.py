@@ -328,6 +328,24 @@ class TuneOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
+class ModesOptions:
+    """The flags of every search for modes, whatever the scene."""
+
+    modes: int = 10
+    """Number of modes, the slowest ones; motions of rigid bodies count."""
+    settle: Flag = False
+    """Settle the scene first: modes are those about its equilibrium under weight and other loads."""
+    plot: Path | None = None
+    """Draw the shapes into this file, such as modes.png."""
+    films: Path | None = None
+    """Write a film of each shape into this folder: mode_01.webp ..."""
+    force: Flag = False
+    """Overwrite existing files of --plot and --films."""
+    verbose: Verbose = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
 class FitOptions:
     """The flags of every fit, whatever the scene."""
 

@@ -26,6 +26,8 @@ FRACTION_OF_START = 1e-4
 SAFETY, LEAST_SAFETY = 0.6, 0.03
 """Fraction of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`. If springs stiffen
 so fast that settling diverges, it begins again with shorter substeps, down to the least fraction."""
+MOST_SUBSTEPS = 200_000
+"""Default number of substeps after which settling ends, converged or not."""
 REFRESH = 8
 """Frames after which the stable substep is computed again."""
 FRAMES_TO_SEPARATE = 40
@@ -72,10 +74,10 @@ def settled(
     problem: Problem,
     assemble: Callable[..., Assembly],
     *,
-    tolerance: float | None,
-    most: int,
-    threads: int | str,
-    time: float,
+    tolerance: float | None = None,
+    most: int = MOST_SUBSTEPS,
+    threads: int | str = "auto",
+    time: float = 0.0,
     safety: float = SAFETY,
 ) -> tuple[Problem, Settled, dict[str, NDArray]]:
     """Return (the problem at rest in equilibrium, result, its contacts), under the loads at a `time` [s].

@@ -174,6 +174,17 @@ class Adjoint:
         self._propagate_kick(drift, seconds, (x, v), v_out, stage, theta)
         self._propagate_forces(x, v, stage, u=self._u)
 
+    def of_forces(self, phi: NDArray, x: wp.array, v: wp.array) -> list[NDArray]:
+        """Return (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ of a single world, shape [particle_count, d], for forces F at (x, v).
+
+        Call `clear` before derivatives of a loss are propagated.
+        """
+        for one in (self.by_x, self.by_v):
+            one.zero_()
+        self._phi.assign(phi)
+        self._propagate_forces(x, v, 0)
+        return [np.array(one.numpy()) for one in (self.by_x, self.by_v)]
+
     def forget_driven(self, stage: int) -> None:
         """Set derivatives of driven particles to 0, since their motion does not depend on earlier states."""
         if self._driven is not None:

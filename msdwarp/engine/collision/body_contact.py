@@ -99,6 +99,8 @@ class BodyContact(WithHistory):
         self.frozen = np.zeros(model.worlds, dtype=bool)
         """Whether each world was frozen before the last frame: its lists may be invalid."""
         self.shared_points = self._points
+        self.touches = False
+        """Whether any bodies touch at the start."""
         self._overlapping: str | None = None
         self._release_initial_overlap()
         self.planes.start()
@@ -126,6 +128,7 @@ class BodyContact(WithHistory):
         x.assign(model.spread(model.row_of("position").astype(model.dtype)))
         stored = self._stored_and_heated(x, model.vectors())[0].numpy()
         points, bodies = np.flatnonzero(stored), len(surfaces.solid)
+        self.touches = bool(len(points))
         if not len(points):
             return
         a, neighbors = data.surfaces.body.numpy()[points], data.neighbors
