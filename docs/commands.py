@@ -6,7 +6,7 @@ from typing import Any
 from cyclopts import App
 
 from msdwarp.cli.app import app
-from msdwarp.cli.options import FitOptions, Options, SweepOptions, TuneOptions, ViewOptions
+from msdwarp.cli.options import FitOptions, ModesOptions, Options, SweepOptions, TuneOptions, ViewOptions
 
 PAGE = "commands"
 OF_EVERY_SCENE = {
@@ -14,6 +14,7 @@ OF_EVERY_SCENE = {
     "sweep": SweepOptions,
     "view": ViewOptions,
     "tune": TuneOptions,
+    "modes": ModesOptions,
     "fit": FitOptions,
 }
 """The flags of commands that take a scene; the scene's own parameters come before them."""
@@ -27,7 +28,21 @@ def append(_: Any, page: str, source: list[str]) -> None:
 
 def reference() -> str:
     """Return every command and all its flags, as Markdown with headings of the second level."""
-    names = ("run", "view", "tune", "fit", "sweep", "render", "info", "plot", "export", "resume", "rerun", "list")
+    names = (
+        "run",
+        "view",
+        "modes",
+        "tune",
+        "fit",
+        "sweep",
+        "render",
+        "info",
+        "plot",
+        "export",
+        "resume",
+        "rerun",
+        "list",
+    )
     return "\n".join(_told(name) for name in names)
 
 

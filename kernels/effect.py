@@ -55,11 +55,11 @@ class ForceTerm(NamedTuple):
 
     Kicks of methods whose velocities lag take it at the velocity of the positions' time (`mid_velocity`).
     """
-    parts: Any = None
-    """(count, evaluate): wp.func (data) -> number of parts, and wp.func (data, compensation, x, v, c).
+    before_forces: Any = None
+    """(count, evaluate): wp.func (data) -> number of elements, and wp.func (data, compensation, x, v, c) for each.
 
-    A single launch of many stages evaluates all parts before the forces of a stage. Other launches need a kernel
-    for the parts, which the effect launches in `before_forces`.
+    A single launch of many stages evaluates all elements before the forces of a stage. Other launches need a
+    kernel for them, which the effect launches in its own `before_forces`.
     """
     drive: Any = None
     """Function from the type of a scene's struct to `Driving`: the functions that place driven particles."""

@@ -118,8 +118,10 @@ if _typing.TYPE_CHECKING:
         Frames as Frames,
         Gradient as Gradient,
         GroupMean as GroupMean,
+        Modes as Modes,
         Simulation as Simulation,
         SimulationDiverged as SimulationDiverged,
+        modes as modes,
     )
     from .studies import (
         FieldFit as FieldFit,

@@ -133,9 +133,9 @@ def pips(color: str, dot: str, *, size: int = 512) -> NDArray[np.uint8]:
     return _faces(images)
 
 
-def _over(below: NDArray[np.uint8], above: NDArray[np.uint8], share: NDArray) -> NDArray[np.uint8]:
-    """Return one image laid over another, with the opacity `share`, 0 … 1."""
-    return np.round(below + share[..., None] * (above.astype(float) - below)).astype(np.uint8)
+def _over(below: NDArray[np.uint8], above: NDArray[np.uint8], opacity: NDArray) -> NDArray[np.uint8]:
+    """Return one image laid over another, with an opacity of 0 … 1."""
+    return np.round(below + opacity[..., None] * (above.astype(float) - below)).astype(np.uint8)
 
 
 @_kept
@@ -243,11 +243,11 @@ def scoop(color: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int 
     place = np.stack([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], axis=-1)
     # Waves in space, seen where they cut the sphere: no seam and no poles.
     near, mottle = place.astype(np.float32), np.zeros(turn.shape, np.float32)  # single precision: half the time
-    for octave, share in ((4.0, 0.5), (9.0, 0.35), (21.0, 0.25)):
+    for octave, weight in ((4.0, 0.5), (9.0, 0.35), (21.0, 0.25)):
         for _ in range(14):
             wave = octave * (0.7 + 0.6 * random.random()) * _direction(random)
             phase = np.float32(2 * np.pi * random.random())
-            mottle += np.float32(share / np.sqrt(14)) * np.cos(near @ wave.astype(np.float32) + phase)
+            mottle += np.float32(weight / np.sqrt(14)) * np.cos(near @ wave.astype(np.float32) + phase)
     image = _shaded(_mix(np.zeros_like(turn), color, fleck), 1 + 0.07 * mottle)
     paint = _mix(np.ones(1), color, fleck)
     for _ in range(flecks):
@@ -260,8 +260,8 @@ def scoop(color: str, fleck: str, *, flecks: int = 90, seed: int = 1, size: int 
         along, outwards = place[rows] @ grain, place[rows] @ middle
         across = np.sqrt(np.maximum(1 - along**2 - outwards**2, 0))
         distance = np.hypot(along / length, across / (0.45 * length))
-        share = np.where(outwards > 0, 0.9 * (1 - _step(distance - 1, 0.3)), 0.0)
-        image[rows] = _over(image[rows], paint, share)
+        opacity = np.where(outwards > 0, 0.9 * (1 - _step(distance - 1, 0.3)), 0.0)
+        image[rows] = _over(image[rows], paint, opacity)
     return image
 
 

@@ -58,10 +58,10 @@ def lattices(damping: float) -> dict[str, System]:
     small, tall = box((3, 3, 3), 1.2, **constants), box((2, 4, 5), 0.9, **constants)
     return {
         "chain": chain(9, dim=1, **constants),
-        "sheet 4": sheet((5, 7), neighbours=4, dim=2, **constants),
+        "sheet 4": sheet((5, 7), neighbors=4, dim=2, **constants),
         "sheet 8": sheet((7, 5), **constants),
         "smallest sheet": sheet((2, 2), **constants),
-        "box 6": box((3, 4, 5), neighbours=6, **constants),
+        "box 6": box((3, 4, 5), neighbors=6, **constants),
         "box 26": box((5, 4, 3), **constants),
         "oblong cells": box((3, 4, 3), (0.7, 1.1, 1.6), **constants),
         "smallest box": box((2, 2, 2), **constants),

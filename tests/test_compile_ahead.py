@@ -4,6 +4,7 @@ import _thread
 import importlib
 import threading
 import time
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
@@ -24,9 +25,9 @@ def noted(monkeypatch):
     start_warp()
     found, note = set(), Kernels.note
 
-    def noting(kernels, *given, block=256, first=False):
+    def noting(kernels, *given, block=256, **how):
         found.update((one.module, block if kernels._device.is_cuda else 1) for one in given)
-        return note(kernels, *given, block=block, first=first)
+        return note(kernels, *given, block=block, **how)
 
     monkeypatch.setattr(Kernels, "note", noting)
     return found
@@ -87,7 +88,7 @@ def test_a_scene_knows_its_kernels_for_a_gpu_that_is_not_there(name, arch, noted
 
     with (
         rehearsing(),
-        patch.object(Kernels, "compile"),
+        patch.multiple(Kernels, compile=lambda _: None, is_compiled=lambda *_: True),
         patch.object(
             SubstepChooser, "choose", lambda self, rates, *_: choose_forced(rates, self.method, self.fps, 2)
         ),
@@ -126,3 +127,27 @@ def test_ctrl_c_while_kernels_compile_leaves_no_thread(monkeypatch):
         compile_ahead.compile_all([Slow() for _ in range(50)])
     assert 2 <= len(Slow.begun) < 10  # the queued ones were cancelled
     assert not any(thread.is_alive() for thread in Slow.begun)
+
+
+def test_what_only_makes_frames_faster_compiles_beside_the_run(monkeypatch):
+    kernels = Kernels(ImaginedGpu(90))
+    needed, beside = (SimpleNamespace(module=name) for name in ("needed", "beside"))
+    compiled, may_end = [], threading.Event()
+
+    def run(job):
+        if job.module == "beside":
+            may_end.wait()
+        compiled.append(job.module)
+
+    monkeypatch.setattr(compile_ahead.Job, "run", run)
+    monkeypatch.setattr(compile_ahead.Job, "is_missing", lambda job: job.module not in compiled)
+    kernels.note(beside, block=512, beside=True)
+    kernels.note(needed)
+    kernels.compile()
+    assert compiled == ["needed"]
+    assert not kernels.is_compiled(beside, 512)
+    may_end.set()
+    for thread in threading.enumerate():
+        if thread.name == compile_ahead.BESIDE:
+            thread.join()
+    assert kernels.is_compiled(beside, 512)

@@ -123,13 +123,13 @@ def test_systems_are_counted_summed_and_scaled():
     assert len(both) == 54
     big = body.scale(2.0)
     np.testing.assert_allclose(np.ptp(big.position, axis=0), 0.4)
-    np.testing.assert_allclose(big.centre_of_mass, body.centre_of_mass, atol=1e-15)
+    np.testing.assert_allclose(big.center_of_mass, body.center_of_mass, atol=1e-15)
     np.testing.assert_allclose(big.strain, 0.0, atol=1e-15)  # it is at rest, its cells too
     assert big.cells is not None
     assert body.cells is not None
     np.testing.assert_allclose(big.cells.rest_volume, 8 * body.cells.rest_volume)
     np.testing.assert_allclose(big.cells.slopes(big.position), 0.0, atol=1e-10 * msd.JELLY.youngs_modulus)
-    np.testing.assert_allclose(body.scale(0.5, about=(0, 0, 0)).centre_of_mass, (0, 0, 0.5), atol=1e-15)
+    np.testing.assert_allclose(body.scale(0.5, about=(0, 0, 0)).center_of_mass, (0, 0, 0.5), atol=1e-15)
     assert big.mass[0] == body.mass[0]
     flat = msd.sheet((3, 3), 0.1, material=msd.JELLY, thickness=0.01).scale(3.0)
     assert flat.cells is None or np.allclose(flat.cells.rest_volume, 0.09)

@@ -14,7 +14,7 @@ from PIL import Image
 
 import msdwarp
 from msdwarp.cli.app import app
-from msdwarp.cli.options import FitOptions, Options, SweepOptions, TuneOptions, ViewOptions
+from msdwarp.cli.options import FitOptions, ModesOptions, Options, SweepOptions, TuneOptions, ViewOptions
 from msdwarp.cli.scene_files import find_scene, scene_names
 
 ROOT = Path(__file__).parents[1]
@@ -26,6 +26,7 @@ OF_EVERY_SCENE = {
     "sweep": SweepOptions,
     "view": ViewOptions,
     "tune": TuneOptions,
+    "modes": ModesOptions,
     "fit": FitOptions,
 }
 
@@ -226,6 +227,20 @@ def test_the_examples_of_files_run(tmp_path, monkeypatch, msdwarp):
     assert names["path"].shape == (13, 3)  # 0.2 s at 60 frames a second, the start among them
     assert names["position"].shape == (1000, 3)
     assert (tmp_path / "own.vtkhdf").exists()
+
+
+def test_the_modes_page_finds_a_beam_and_a_drum():
+    names = run("docs/modes.md")
+    # (1.8751)² √(E I/(ρ A))/(2π L²) with I/A = t²/12. Thin bars of lattices are too stiff (docs/limits.md), this
+    # one by 11/(10 n²) at most, with n = 3 cells.
+    rubber, thickness, length = names["msd"].RUBBER, 0.06, 0.4
+    speed = (rubber.youngs_modulus / rubber.density) ** 0.5
+    theory = 1.8751**2 * speed * thickness / 12**0.5 / (2 * np.pi * length**2)
+    assert theory < names["found"].frequencies[0] < theory * (1 + 11 / (10 * 3**2)) ** 0.5
+    # Zeros of Bessel's functions; 40 cells across, whose rim is a staircase.
+    assert names["tones"] / names["tones"][0] == pytest.approx(
+        [1, 1.5933, 1.5933, 2.1355, 2.1355, 2.2954], rel=5e-3
+    )
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

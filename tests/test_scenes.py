@@ -65,7 +65,7 @@ def test_the_cloth_hangs_by_three_points_and_swings():
     assert swings >= 3
     strain = [system.replace(position=frame.position, velocity=0.0).strain for frame in frames[::20]]
     # Cloth, not rubber: only at the pins, which carry all of it on a few threads, does it stretch further.
-    assert np.quantile(np.array(strain)[:, system.between_neighbours], 0.99) < 0.15
+    assert np.quantile(np.array(strain)[:, system.between_neighbors], 0.99) < 0.15
 
 
 def test_the_worm_buckles_and_falls():

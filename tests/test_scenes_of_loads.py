@@ -73,7 +73,7 @@ def test_the_flag_flutters_on_to_the_end():
     speed = 0.75 * 60 / np.argmax(likeness)
     assert 0.4 * 6.0 < speed < 6.0
     strain = scene.system.replace(position=frames[-1].position, velocity=0.0).strain
-    assert np.quantile(np.abs(strain[scene.system.between_neighbours]), 0.99) < 0.1  # cloth, not rubber
+    assert np.quantile(np.abs(strain[scene.system.between_neighbors]), 0.99) < 0.1  # cloth, not rubber
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import pytest
 
 from msdwarp import Scene, System, TrajectoryWriter, ball, box, chain, sheet
 from msdwarp.bodies.frame import Frame
-from msdwarp.cli.commands.draw import drawn
+from msdwarp.cli.commands.drawn import drawn
 from msdwarp.cli.options import Pictures
 
 SYSTEMS = {

@@ -39,7 +39,7 @@ TURN = (0.9, (1.0, 2.0, 3.0))
 
 def moment_of(body: System) -> float:
     """Return the moment of inertia about an axis through the centre, the mean of three axes [kg m²]."""
-    x = body.position - body.centre_of_mass
+    x = body.position - body.center_of_mass
     return float(2 / 3 * (body.mass[:, None] * x**2).sum())
 
 

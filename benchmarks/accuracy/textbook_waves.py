@@ -78,7 +78,7 @@ def membrane_modes(device: str, count: int = 24) -> Found:
     Of the lattice f = (1/π) sqrt(T/(m a)) sqrt(sin²(mπ/2N) + sin²(nπ/2N)), T the tension of a spring.
     """
     spacing, mass, tension, stiffness = 1.0 / count, 0.1 / count**2, 1.0, 2e3
-    sheet = msd.sheet((count + 1, count + 1), spacing, mass=mass, stiffness=stiffness, neighbours=4)
+    sheet = msd.sheet((count + 1, count + 1), spacing, mass=mass, stiffness=stiffness, neighbors=4)
     sheet = sheet.translate(tuple(-sheet.position.min(axis=0)))
     rim = (sheet.position[:, :2].min(axis=1) < 1e-9) | (sheet.position[:, :2].max(axis=1) > 1 - 1e-9)
     sheet = sheet.replace(rest_length=np.full(sheet.connection_count, spacing - tension / stiffness)).pin(rim)

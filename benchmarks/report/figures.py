@@ -53,7 +53,7 @@ def shearing(options: Any, folder: Path) -> list[dict]:
     plt, rows = pyplot(), []
     figure, axes = plt.subplots(2, len(times), figsize=(11, 3.7), layout="constrained")
     for line, neighbours in zip(axes, (4, 8), strict=True):
-        body = sheet((size, size), neighbours=neighbours, stiffness=2000.0, damping=5.0, dim=2)
+        body = sheet((size, size), neighbors=neighbours, stiffness=2000.0, damping=5.0, dim=2)
         body = body.translate((0, 0.5 * size))
         velocity = np.zeros_like(body.position)
         low, high = body.position[:, 1].min(), body.position[:, 1].max()

@@ -59,10 +59,10 @@ def elements_adjoint(dim: int, scalar: type, Data: Any, law: ElementForce, wante
                 for m in range(particle.shape[1]):
                     i = particle[row, m]
                     if i >= 0:
-                        share = weight[row, m]
-                        places[k] = places[k] + share * load(x, i)
-                        rates[k] = rates[k] + share * load(v, i)
-                        phis[k] = phis[k] + share * load(phi, i)
+                        w = weight[row, m]
+                        places[k] = places[k] + w * load(x, i)
+                        rates[k] = rates[k] + w * load(v, i)
+                        phis[k] = phis[k] + w * load(phi, i)
             own = e % count
             if wp.static(of_particles):
                 own = particle[e, 0] % stride
@@ -144,14 +144,14 @@ def sum_numbers(scalar: type):
         k = block % each.shape[1]
         g = block / each.shape[1] % (first.shape[0] - 1)
         w = block / each.shape[1] / (first.shape[0] - 1)
-        share = wp.float64(0.0)
+        own = wp.float64(0.0)
         n = first[g] + wp.tid() % wp.block_dim()
         while n < first[g + 1]:
             e = w * count + entry[n]
-            share += wp.float64(each[e, k])
+            own += wp.float64(each[e, k])
             each[e, k] = scalar(0.0)
             n += wp.block_dim()
-        whole = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0)
+        whole = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0)
         if wp.tid() % wp.block_dim() == 0:
             total[w, row, g, k] = total[w, row, g, k] + whole
 

@@ -40,8 +40,8 @@ def AdjointData(dim: int, scalar: type):
 def kick_back(dim: int, scalar: type):
     """Compose wp.func that returns φ = s back/m, the derivative ∂L/∂F of the loss L for particle i.
 
-    `back` is ∂L/∂v after a kick of s seconds from `v_before`. The function also adds to (1/m) ∂L/∂(1/m), from the
-    kick s F/m, and to ∂L/∂g.
+    `back` is ∂L/∂v after a kick of s seconds from `v_before`. The function also adds what this kick, s (F/m + g),
+    contributes to (1/m) ∂L/∂(1/m) and to ∂L/∂g.
     """
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
 
@@ -112,8 +112,8 @@ def add_given(dim: int, scalar: type):
 def forget(dim: int, scalar: type):
     """Compose the kernel, over driven particles, that sets the derivatives by their state to 0.
 
-    First it adds their part of the derivatives by poses (R, o) and rates of poses: a particle that started at y is
-    at R y + o, so a derivative by a coordinate, times (y, 1), is that by a row of (R, o).
+    First it adds them to the derivatives by poses (R, o) and by rates of poses. A particle that started at y is at
+    R y + o, so the derivative by a coordinate, times (y, 1), is the derivative by a row of (R, o).
     """
     V, Wide, (load, store, _) = vector(dim, scalar), vector(dim, wp.float64), records(dim, scalar)
 

@@ -227,7 +227,7 @@ def in_lattice(scalar: type, laws: Laws) -> Neighbours:
 
 @functools.cache
 def keeping(dim: int, scalar: type, wanted: Wanted):
-    """Compose the function that adds to the derivatives by entry c of the constants that are wanted."""
+    """Compose the function that adds a spring's derivatives to entry c of those by each wanted constant."""
     Data, Three = AdjointData(dim, scalar), vector(3, scalar)
 
     @wp.func
@@ -251,9 +251,8 @@ def springs_adjoint(
     """Compose the kernel, over particles and their lanes, of the adjoint of spring forces.
 
     Each of n lanes takes every n-th neighbour (see `springs.lanes`). One particle of a spring writes the
-    derivatives by its constants.
-
-    Then derivatives are propagated back through the kick and drift of the substep before; see `kick_back`.
+    derivatives by its constants. In the same launch derivatives are propagated back through the kick and the drift
+    of the substep before (`kick_back`).
     """
     V, Data, (load, store, _) = vector(dim, scalar), AdjointData(dim, scalar), records(dim, scalar)
     damped, own = laws.damper is not None, any(wanted)

@@ -45,15 +45,15 @@ def contact_response(dim: int, scalar: type, rule: str):
             v_n_after = scalar(0.0)
             if v_n_old < -rest_speed:
                 v_n_after = -restitution * v_n_old
-        share = tangential_factor
+        kept = tangential_factor
         if wp.static(coulomb):
             speed = wp.length(v_t)
             loss = friction * (v_n_after - v_n)
             if loss <= scalar(0.0):  # no friction, even at speed 0: the path along the surface is not shortened
-                share = scalar(1.0)
+                kept = scalar(1.0)
             elif loss < (scalar(1.0) - tangential_factor) * speed:
-                share = scalar(1.0) - loss / speed
-        return share * v_t + v_n_after * normal, share
+                kept = scalar(1.0) - loss / speed
+        return kept * v_t + v_n_after * normal, kept
 
     return respond
 
@@ -94,7 +94,7 @@ def touch(dim: int, scalar: type, rule: str, flies: bool, overlapping_at_start: 
         if distance < scalar(0.0) and wp.dot(v, normal) < scalar(0.0):
             if wp.static(flies):
                 v_n = wp.dot(v, normal)
-            v, share = respond(
+            v, kept = respond(
                 v,
                 v_old,
                 normal,
@@ -112,7 +112,7 @@ def touch(dim: int, scalar: type, rule: str, flies: bool, overlapping_at_start: 
             if wp.static(coulomb):
                 way = x - x_old
                 along = way - wp.dot(way, normal) * normal
-                x = x - (scalar(1.0) - share) * along
+                x = x - (scalar(1.0) - kept) * along
         return x, v
 
     return put_back

@@ -36,8 +36,8 @@ FACING = 0.8
 def bearing(scalar: type, overlapping_at_start: bool, measuring: bool, lanes: int, worlds: bool):
     """Compose the function that adds the force of one contact to its vertices.
 
-    It returns whether there is a force, the tangential displacement [m], the fastest approach in this contact
-    [m/s], and, if `measuring`, the stored energy [J] and the dissipated power [W].
+    The function returns whether there is a force, the tangential displacement [m], the fastest approach in this
+    contact [m/s], and, if `measuring`, the stored energy [J] and the dissipated power [W].
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar), Substep(scalar)
     (Point, _, mobility_of), PointAndBody = points(scalar), Pair(scalar)

@@ -2,20 +2,21 @@
 
 So cloth does not pass through itself or other bodies. Near pairs of a vertex and a triangle, or of two edges, are
 listed. When a substep begins, a plane separates the vertex from the triangle, or one edge from the other. When it
-ends, `pair_gaps` finds whether any pair has lost more of its gap than it may: it keeps 0.8 of it, or a tenth of
-the thickness if that is more, unless it stays wide. If so,
+ends, `pair_gaps` finds whether any pair comes too near. A pair may lose a fifth of its gap, but not come nearer
+than a tenth of the thickness of contact; gaps that stay wide may shrink at will. If a pair comes too near,
 
 1. impulses act between the two sides of each such pair, in a few rounds. All pairs act at the same time, so each
    divides the mass of a particle by the number of pairs that push it;
 2. if a pair would still come too near, the displacements of those particles that would reach its plane in this
    substep are truncated. Then the other pairs of these particles are tested against their planes, and so on.
    Velocities stay, so that momentum and angular momentum are kept; impulses reduce them in the next substeps.
-   Where any particle is pinned or driven, which takes momentum anyway, they are cut as the displacements are. Else
-   forces would accelerate, without work, what is held back, as in a knot that is pulled tight.
+   In worlds with pinned or driven particles, which do not keep momentum anyway, velocities are reduced with the
+   displacements. Otherwise forces would accelerate particles that are held back and do not move, as in a knot that
+   is pulled tight.
 
 The two sides of a pair then stay on their sides of a plane during the whole substep, since particles move on
-straight lines. The plane is at rest if a particle of the pair is held back; else it moves with the pair, so that
-bodies that fly together are not held back. The impulses of a pair sum to 0 and are added as integers, and a
+straight lines. The plane is at rest if a particle of the pair is held back. Otherwise it moves with the pair, so
+that bodies that fly together are not held back. The impulses of a pair sum to 0 and are added as integers, and a
 displacement is truncated to the least that any of its pairs allows. So the order of pairs changes no result.
 References: Chen et al., Offset geometric contact, ACM TOG 44 (2025); Tonge et al., Mass splitting for jitter-free
 parallel rigid body simulation, ACM TOG 31 (2012).
@@ -100,8 +101,9 @@ def catch_up(scalar: type):
 def truncate_displacements(scalar: type):
     """Compose the kernel that reduces the fractions of displacements which particles may make.
 
-    Its threads divide the pairs. `number` is that of the round, from 0. In the last one all pairs of a world count
-    in which the round before held anything back.
+    Its threads divide the pairs. `number` is that of the round, from 0. The first round handles pairs that come
+    too near, the next ones also pairs with a particle that is held back. The last round handles all pairs of a
+    world in which the round before held any particle back.
     """
     W, Pairs, Moving = wp.types.vector(4, scalar), NearPairs(scalar), Motion(scalar)
     (place_of, displacement_towards, approach_of), may_approach = displacements(scalar), limits(scalar)[1]
@@ -121,7 +123,7 @@ def truncate_displacements(scalar: type):
     def truncate(pairs: Pairs, motion: Moving, everywhere: bool, k: int):
         """Reduce the fractions of displacement that particles of pair k may make, so that none reaches its plane.
 
-        Unless `everywhere`, only if one was held back, or if the pair comes too near.
+        Unless `everywhere`, this is done only if the pair comes too near or one of its particles was held back.
         """
         x, x_out, activation = motion.x, motion.x_out, motion.activation
         normal = pairs.normal[k]
@@ -231,8 +233,8 @@ def hold_particles(scalar: type):
     def hold_back(pairs: Pairs, motion: Moving, i: int) -> float:
         """Shorten the displacement of particle i to the fraction that its pairs allow; return the loss [m].
 
-        Its velocity stays, which keeps momentum and angular momentum; it changes as the displacement does if any
-        particle is pinned or driven.
+        Its velocity stays, which keeps momentum and angular momentum. If any particle of its world is pinned or
+        driven, its velocity is reduced by loss / h instead.
         """
         x_out, v_out, h = motion.x_out, motion.v_out, motion.h
         factor = scalar(pairs.truncation[i])
@@ -269,9 +271,9 @@ def hold_particles(scalar: type):
 def keep_apart(scalar: type, blocks: int):
     """Compose the kernel that keeps near pairs apart in one launch.
 
-    It is for a cluster of `blocks` blocks, or a CPU thread. With too many pairs it only sets `many`: then each of
-    the kernels above is a launch. Loops have their lengths as arguments, so that compilers do not repeat the long
-    functions in them.
+    It runs in a cluster of `blocks` blocks, or in one CPU thread. If there are too many pairs for these, it only
+    sets `many`, and the host launches the kernels above one by one. The numbers of rounds are arguments, since a
+    compiler would unroll loops of constant length, whose bodies are long.
     """
     Pairs, Moving = NearPairs(scalar), Motion(scalar)
     find, push, move = (as_function(one(scalar)) for one in (find_violations, push_pairs, move_pushed))
@@ -327,7 +329,7 @@ def keep_apart(scalar: type, blocks: int):
 
 @functools.cache
 def end_round(scalar: type):
-    """Compose the kernel that ends a round whose kernels are launches; it clears `many` after the last round."""
+    """Compose the kernel that ends a round of impulses launched one by one; after the last it clears `many`."""
     Pairs = NearPairs(scalar)
 
     @fast_kernel

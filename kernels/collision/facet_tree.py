@@ -152,7 +152,7 @@ def facets_within(lanes: int):
 
 @functools.cache
 def drifts(scalar: type):
-    """Compose (data) -> the common drift of all points in contact [m/s], which brings none nearer to another."""
+    """Compose (data) -> the velocity common to all points in contact [m/s], which changes no distance."""
     Data = BodyContactData(scalar)
 
     @wp.func
@@ -166,9 +166,10 @@ def drifts(scalar: type):
 def begin_search(scalar: type):
     """Compose the kernel that begins a search at the current positions of vertices, and empties the boxes.
 
-    It also decides how far each vertex may move before the next search, its slack: half of the skin, or what a
-    fast one moves in the time `soon` [s], but at most `most` [m]. So what is fast makes no lists longer elsewhere.
-    `after` is the time since the end of the last substep [s]. The threads divide the vertices, groups and bodies.
+    It also sets the slack of each vertex: how far it may move before the next search. The slack is half of the
+    skin; for a fast vertex it is the path in a time of `soon` [s], at most `most` [m], if that is longer. So a
+    fast body lengthens only the lists around it. `after` is the time since the end of the last substep [s]. The
+    threads divide the vertices, groups and bodies.
     """
     Data, (load, store, _) = BodyContactData(scalar), records(3, scalar)
     drift_of = drifts(scalar)
@@ -272,8 +273,9 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
 
     A point outside this box touches none of them and is not tested further; most points of a large body are
     outside. Each body has `lanes` threads that test all other bodies of its world; if 0, one that searches a tree.
-    The kernel also finds how much further than their slack the vertices of a body near no other may move: half of
-    what its distance from the nearest exceeds that of contact. So what flies alone causes no search.
+    The kernel also finds how much further than their slack the vertices of a lone body may move: half of the
+    distance between it and the nearest body, less the range of contact. So a body that flies alone causes no
+    search.
     """
     Data, margin, by_tree = BodyContactData(scalar), margin_of_boxes(scalar), lanes == 0
     (find_rule, pair_of), first_of = pairs(scalar), first_flag(scalar, worlds)

@@ -76,7 +76,7 @@ def exert_on_segments(scalar: type):
 
     @wp.func
     def take_from(force: wp.array2d(dtype=wp.int64), first: int, second: int, t: scalar, total: Units, parts: int):
-        """Subtract a force from two vertices; the second has the weight t."""
+        """Subtract a force from two vertices: t times it from the second, the rest from the first."""
         for k in range(3):
             on_second = wp.int64(wp.float64(total[k]) * wp.float64(t))
             if on_second != zero:
@@ -91,8 +91,9 @@ def exert_on_segments(scalar: type):
 def add_impulses(dim: int, scalar: type, compensated: bool, by_obstacles: bool):
     """Compose the kernel, over particles, that sums the impulses of contact, in float64.
 
-    `seconds` is the weight of the current stage in the method's sum over the substep. If `by_obstacles`, the sums
-    are of what obstacles have added to forces `before`, and per mass [m/s].
+    `seconds` is the weight of the current stage in the method's sum over the substep. If `by_obstacles`, only the
+    forces of obstacles count, which are the increase of forces since `before`. Their impulses are divided by the
+    particles' masses [m/s].
     """
     VertexForces = body_contact_term(dim, scalar, compensated).Data
     Wide = vector(dim, wp.float64)

@@ -69,9 +69,10 @@ def memories(scalar: type):
 
 @functools.cache
 def recall(scalar: type):
-    """Compose (held, moved_along): a point's stored `Memory`; what it says of a body.
+    """Compose (held, moved_along), which read the history of a point.
 
-    That are the tangential displacement along the body [m] and the fastest approach [m/s], 0 without contact.
+    `held` returns its stored `Memory`. `moved_along` returns from a `Memory` the tangential displacement along a
+    body [m], and the fastest approach to it [m/s]; both are 0 without contact.
     """
     V, Data, Memory = vector(3, scalar), BodyContactData(scalar), memories(scalar)[0]
 

@@ -65,11 +65,11 @@ def friction(scalar: type):
 def contact_law(scalar: type, overlapping_at_start: bool, worlds: bool):
     """Compose (press, record, per_unit_of): the force of one contact, and sums over active contacts.
 
-    `press` returns the stiffness [N/m], the normal and the tangential force [N], the new tangential displacement
-    [m], the fastest approach in this contact, the normal velocity of the point, positive when leaving, and the
-    tangential velocity [m/s], and whether it slides. `record` updates the deepest overlap and the work of
-    depenetration. `per_unit_of` returns the units of force per newton, which differ between the worlds of an
-    ensemble.
+    `press` returns, in this order: the stiffness [N/m]; the normal and the tangential force [N]; the new
+    tangential displacement [m]; the fastest approach in this contact, the point's normal velocity, positive when
+    leaving, and its tangential velocity [m/s]; and whether it slides. `record` updates the deepest overlap and the
+    work of depenetration. `per_unit_of` returns the units of force per newton, which differ between the worlds of
+    an ensemble.
     """
     V, Data, Step = vector(3, scalar), BodyContactData(scalar), Substep(scalar)
     PointAndBody, zero, one = Pair(scalar), scalar(0.0), scalar(1.0)
@@ -163,10 +163,10 @@ def triangles(scalar: type):
 
     @wp.func
     def triangle_of(x: wp.array(dtype=V), v: wp.array(dtype=V), corner: wp.vec3i, radius: scalar) -> Triangle:
-        """Return a triangle of a shell of some radius.
+        """Return a triangle of a shell of some radius [m].
 
-        It takes no couple if it is a segment or a point, or much lower than the radius, which is the arm, so that
-        the forces would be large.
+        It takes no couple if it is a segment or a point. Nor does a triangle much lower than the radius: since the
+        radius is the arm of the force, the forces that make the couple would be large.
         """
         a = load(x, corner[0])
         e = load(x, corner[1]) - a

@@ -35,7 +35,7 @@ def mark(marks: wp.array(dtype=int), i: int) -> bool:
 
 @wp.func
 def vertex_of(vertices: wp.vec4i, m: int) -> int:
-    """Return the m-th vertex of a pair; in a pair of edges the first is stored as ~v (bitwise not)."""
+    """Return vertex m of a pair, 0 to 3; the first vertex v of a pair of edges is stored as ~v (bitwise not)."""
     v = vertices[m]
     if v < 0:
         v = -1 - v

@@ -288,7 +288,7 @@ def find_rows(scalar: type, lanes: int, worlds: bool = False):
 
     @wp.func
     def search_body(data: Data, tree: FacetTree, before: SearchedRow, reach: scalar, known: int, lane: int):
-        """Return the list `before` with its `other` body's facets added; `known`: the last nearest, or -1."""
+        """Return the row `before` with facets of the body `other` added; `known`: the nearest so far, or -1."""
         row = before
         row.limit = reach
         row.begin = row.count

@@ -25,8 +25,8 @@ which may increase."""
 def displacements(scalar: type):
     """Compose (place_of, displacement_towards, approach_of).
 
-    `place_of` returns a vertex's position. `displacement_towards` bounds its displacement against a normal [m]:
-    each of its particles may be held back alone, so particles that move along the normal count as at rest.
+    `place_of` returns a vertex's position. `displacement_towards` returns the most that it may move against a
+    normal [m], whichever of its particles are held back: only particles that move against the normal count.
     `approach_of` returns how far the two sides of a pair approach along its normal if no particle is held back
     [m].
     """

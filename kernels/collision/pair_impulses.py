@@ -52,7 +52,7 @@ def limits(scalar: type):
 def find_violations(scalar: type):
     """Compose the kernel that begins a round: it lists pairs which come too near, and counts them on particles.
 
-    The threads divide the pairs. `number` is that of the round; below 0: it is `pairs.round`.
+    The threads divide the pairs. `number` is that of the round, from 0; if negative, `pairs.round` is used.
     """
     V, W = vector(3, scalar), wp.types.vector(4, scalar)
     Pairs, Moving, load = NearPairs(scalar), Motion(scalar), records(3, scalar).load

@@ -61,12 +61,12 @@ def searches(scalar: type):
 
 
 @functools.cache
-def find_near_facets(scalar: type, lanes: int, grains: bool = False):
+def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
     """Compose the kernel that lists facets whose boxes are so near each other that they may have near pairs.
 
-    On a GPU a warp searches for all facets of a piece of the tree at once, and each of its threads tests the box
-    of its own facet. On the CPU (one of `lanes`) each facet is searched for in a binary tree. If all bodies are
-    `grains`, facets and bodies have the same indices.
+    If `by_warps` (on a GPU), a warp searches for all facets of a piece of the tree at once, and each of its
+    threads tests the box of its own facet. Otherwise each thread searches for one facet in a binary tree. If all
+    bodies are `grains`, facets and bodies have the same indices, and the list of near bodies suffices.
     """
     Data, Pairs, Search = BodyContactData(scalar), NearPairs(scalar), PairSearch(scalar)
     margin, (begin, find_next) = margin_of_boxes(scalar), facets_within(WARP)
@@ -164,10 +164,10 @@ def find_near_facets(scalar: type, lanes: int, grains: bool = False):
                 other = data.neighbors.body_pairs[body, b]
                 if searches_for(pairs, body, other):
                     search = search_of(data, body, other, scalar(0.0), activation)
-                    if wp.static(lanes == 1 or grains):
-                        search_for_facet(tree, pairs, search, other, place, flags)
-                    else:
+                    if wp.static(by_warps):
                         search_for_piece(tree, pairs, search, other, place, last, these, flags)
+                    else:
+                        search_for_facet(tree, pairs, search, other, place, flags)
 
     @fast_kernel
     def find(
@@ -182,7 +182,7 @@ def find_near_facets(scalar: type, lanes: int, grains: bool = False):
         flags: wp.array(dtype=float),
     ):
         every = ~wp.uint32(0)
-        if wp.static(lanes == 1 or grains):
+        if wp.static(not by_warps):
             k = first_of_part(grid_thread(), part)
             while k < tree.facet.shape[0]:
                 body = data.surfaces.owner[tree.facet[k]]

@@ -149,11 +149,12 @@ def points(scalar: type):
 
 @functools.cache
 def crowding(scalar: type):
-    """Compose (damping_fraction, count_touching): the part of a point in the dampers of what touches around it.
+    """Compose (damping_fraction, count_touching), which divide the damping of a surface among touching points.
 
-    `damping_fraction` returns the point's density, times that of all points around it over that of those which
-    touched in the substep before; between substeps (`measuring`) in the last. `count_touching` adds the point to
-    the sums of this substep.
+    `damping_fraction` returns the fraction of a point: its density (`contact_surfaces.densities`), times the sum
+    of the densities of all points around it, divided by the sum for those of them that touched in the substep
+    before (if `measuring`, between substeps: in the last one). `count_touching` adds the point to the second sum
+    for this substep.
     """
     Data, Point = BodyContactData(scalar), points(scalar)[0]
     one, whole, number_of = scalar(1.0), scalar(WHOLE), table(scalar)

@@ -39,8 +39,8 @@ def evaluate_surface(
 ):
     """Compose the kernel of the forces of obstacles on facets; if `measuring`, of the energy [J] and power [W].
 
-    Its threads divide the facets. If a facet starts inside an obstacle (`overlapping_at_start`), an allowed depth,
-    which shrinks to 0, is subtracted from depths. Forces are added to those between bodies, as integers.
+    Its threads divide the facets. If a facet starts inside an obstacle (`overlapping_at_start`), its depths count
+    from an allowed depth, which shrinks to 0. Forces are added to those between bodies, as integers.
     """
     V, Data = vector(3, scalar), SurfaceContactData(scalar, moving)
     distance_from, stick_or_slide = signed_distance(3, scalar, kinds), friction(scalar)

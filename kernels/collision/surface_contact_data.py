@@ -68,6 +68,6 @@ def add_energies(
     # In and out:
     done: wp.array(dtype=wp.float64),  # [J], shape [any]
 ):
-    """Add to each work in `done` the power times `seconds`."""
+    """Add each power times `seconds` to the work in `done` [J]."""
     i = wp.tid()
     done[i] = done[i] + seconds * power[i]

@@ -21,8 +21,8 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
     """Compose the kernel that updates vertices from their particles and clears their forces and contacts.
 
     It also measures how far vertices have moved since the last search, less the common drift of points in contact,
-    and how far they move in a substep. A new search is due if a vertex has moved by more than its
-    slack, or may do so in the coming substep. Where a substep begins, so does the count of what touches.
+    and how far they move in a substep. A new search is due if a vertex has moved by more than its slack, or may do
+    so in the coming substep. If a substep begins, the sums of touching points begin anew (`pairs.crowding`).
     The threads divide the vertices. On the CPU each part has a single thread, since each thread would copy `data`.
     """
     V, Data = vector(dim, scalar), BodyContactData(scalar)
@@ -98,7 +98,7 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
 
 @wp.struct
 class TearingFacets:
-    """The springs along the sides of facets that may tear, and the surfaces as they are while these are whole."""
+    """The springs along the sides of facets and at contact points that may tear, and the untorn facets."""
 
     broken_at: wp.array(dtype=wp.float32)  # time of breaking of each spring [s], inf if unbroken
     # Facets, shape [facet_count]:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import fully_hashed, vector
+from ..basis import fast_kernel, fully_hashed, kernel, vector
 from ..colliders.collide import NO_COLLIDERS, ColliderTerm
 from ..compensation import compensated_sum
 from ..effect import Driving, ForceTerm, instant
@@ -40,6 +40,11 @@ class Composition(NamedTuple):
     def selective(self) -> list[ForceTerm]:
         """The effects whose forces act on some particles only; effect k uses bit k of a particle's mask."""
         return [piece for piece in self.pieces if piece.selective]
+
+    @property
+    def kernel(self) -> Any:
+        """How kernels of stages are declared: as those of contact, so that one launch of all does the same."""
+        return fast_kernel if any(piece.field == "body_contact" for piece in self.pieces) else kernel
 
     @property
     def timed(self) -> bool:
@@ -206,24 +211,28 @@ def loads(composition: Composition) -> Any:
 
 
 @functools.cache
-def parts(composition: Composition) -> tuple[Any, Any]:
-    """Compose (count, evaluate) of the effect that has `ForceTerm.parts`; (None, None) if none has."""
-    found = [piece for piece in composition.pieces if piece.parts is not None]
-    assert len(found) < 2, "only one effect may have parts"
+def before_forces(composition: Composition) -> tuple[Any, Any]:
+    """Compose (count, evaluate) of the effect that has `ForceTerm.before_forces`; (None, None) if none has."""
+    found = [piece for piece in composition.pieces if piece.before_forces is not None]
+    assert len(found) < 2, "only one effect may have elements to evaluate before forces"
     if not found:
         return None, None
     V, SceneData, Compensation, *_ = tools(composition)
-    (count, evaluate), data, Vectors = found[0].parts, data_of(SceneData, found[0].field), wp.array(dtype=V)
+    (count, evaluate), data, Vectors = (
+        found[0].before_forces,
+        data_of(SceneData, found[0].field),
+        wp.array(dtype=V),
+    )
 
     @wp.func
-    def count_parts(scene: SceneData) -> int:
+    def count_elements(scene: SceneData) -> int:
         return count(data(scene))
 
     @wp.func
-    def evaluate_part(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
+    def evaluate_element(scene: SceneData, compensation: Compensation, x: Vectors, v: Vectors, c: int):
         evaluate(data(scene), compensation, x, v, c)
 
-    return count_parts, evaluate_part
+    return count_elements, evaluate_element
 
 
 @functools.cache

@@ -21,7 +21,7 @@ from ..basis import kernel
 from ..compensation import state_types
 from ..records import records
 
-SHARES = 256
+THREADS = 256
 """Number of threads that sum over a body on a GPU."""
 POWER, SPEED, ACCELERATION, RESIDUAL = 0, 1, 2, 3
 """Rows of sums: Σ m a·v, Σ m v², Σ m a², and the largest m |a|."""
@@ -35,7 +35,7 @@ MIXING_AT_START, MIXING_FALLS, LASTS = 0.1, 0.99, 5.0
 
 @functools.cache
 def fire_sums(dim: int, scalar: type):
-    """Compose the kernel, over SHARES threads or one, that computes the method's sums over particles (ROWS)."""
+    """Compose the kernel, over THREADS threads or one, that computes the method's sums over particles (ROWS)."""
     _, Vectors, _ = state_types(dim, scalar, False)
     load = records(dim, scalar).load
 
@@ -48,12 +48,12 @@ def fire_sums(dim: int, scalar: type):
         # Out:
         sums: wp.array2d(dtype=wp.float64),  # shape [ROWS, threads]
     ):
-        share = wp.tid()
+        thread = wp.tid()
         power = wp.float64(0.0)
         speed = wp.float64(0.0)
         acceleration = wp.float64(0.0)
         residual = wp.float64(0.0)
-        i = share
+        i = thread
         while i < inverse_mass.shape[0]:
             if inverse_mass[i] > scalar(0.0):
                 m = wp.float64(1.0) / wp.float64(inverse_mass[i])
@@ -65,10 +65,10 @@ def fire_sums(dim: int, scalar: type):
                 acceleration += m * square
                 residual = wp.max(residual, m * wp.sqrt(square))
             i += sums.shape[1]
-        sums[wp.static(POWER), share] = power
-        sums[wp.static(SPEED), share] = speed
-        sums[wp.static(ACCELERATION), share] = acceleration
-        sums[wp.static(RESIDUAL), share] = residual
+        sums[wp.static(POWER), thread] = power
+        sums[wp.static(SPEED), thread] = speed
+        sums[wp.static(ACCELERATION), thread] = acceleration
+        sums[wp.static(RESIDUAL), thread] = residual
 
     return sum_power
 
@@ -81,16 +81,16 @@ def fire_decision(
     decision: wp.array(dtype=wp.float64),  # shape [COLUMNS]
 ):
     """Decide how velocities and accelerations are mixed."""
-    share = wp.tid()
-    own = wp.float64(sums[wp.static(POWER), share])
+    thread = wp.tid()
+    own = wp.float64(sums[wp.static(POWER), thread])
     power = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0)
-    own = wp.float64(sums[wp.static(SPEED), share])
+    own = wp.float64(sums[wp.static(SPEED), thread])
     speed = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0)
-    own = wp.float64(sums[wp.static(ACCELERATION), share])
+    own = wp.float64(sums[wp.static(ACCELERATION), thread])
     acceleration = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0)
-    own = wp.float64(sums[wp.static(RESIDUAL), share])
+    own = wp.float64(sums[wp.static(RESIDUAL), thread])
     residual = wp.tile_extract(wp.tile_max(wp.tile(own)), 0)
-    if share == 0:
+    if thread == 0:
         decision[wp.static(LARGEST_FORCE)] = residual
         decision[wp.static(STRONGEST)] = wp.max(decision[wp.static(STRONGEST)], residual)
         if power > wp.float64(0.0) and acceleration > wp.float64(0.0):

@@ -5,11 +5,10 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..basis import fast_kernel, kernel
 from ..places import arrays_of, on_device
 from ..springs.fracture import NO_SUBSTEP
 from ..threads import Part, barrier, wait, wait_in_block
-from .composition import Composition, beginning, parts, tools
+from .composition import Composition, before_forces, beginning, tools
 from .enter_world import enter_world, to_world
 from .stages import stage_of
 
@@ -64,7 +63,7 @@ def persistent(
     begin, take_stage, Step = beginning(composition), stage_of(composition, method), method(composition).Step
     algorithm, moving, timed = composition.force_algorithm, composition.collider_term.moving, composition.timed
     evaluate, lanes, tears = algorithm.evaluate, algorithm.lanes, algorithm.tears
-    part_count, evaluate_part = (None, None) if in_parts else parts(composition)
+    element_count, evaluate_element = (None, None) if in_parts else before_forces(composition)
     Data, run_before = before
     say_where = on_device(Step, arrays_of(Step, composition.compensated))
     in_worlds = composition.differs is not None
@@ -130,10 +129,10 @@ def persistent(
                         evaluate(scene.forces, step.compensation, step.x, step.v, s)
                         s += part.stride
                     pause(part)
-            if wp.static(evaluate_part is not None):
+            if wp.static(evaluate_element is not None):
                 p = thread
-                while p < part_count(scene):
-                    evaluate_part(scene, step.compensation, step.x, step.v, p)
+                while p < element_count(scene):
+                    evaluate_element(scene, step.compensation, step.x, step.v, p)
                     p += part.stride
                 pause(part)
             if wp.static(run_before is not None):
@@ -145,6 +144,5 @@ def persistent(
             pause(part)
 
     if in_worlds:
-        return kernel(take_stages, launch_bounds=(block, max(1, together // block)))
-    declare = kernel if before is NOTHING_BEFORE else fast_kernel
-    return declare(take_stages, launch_bounds=MOST_THREADS, cluster_dim=blocks)
+        return composition.kernel(take_stages, launch_bounds=(block, max(1, together // block)))
+    return composition.kernel(take_stages, launch_bounds=MOST_THREADS, cluster_dim=blocks)

@@ -52,7 +52,7 @@ def search_in_launch(scalar: type):
     begin, clear = as_function(begin_search(scalar)), as_function(clear_pairs(scalar))
     box, neighbours = as_function(box_facets(scalar, lanes)), as_function(box_neighbours(scalar, lanes))
     candidates, rows = as_function(find_candidates(scalar)), as_function(find_rows(scalar, lanes))
-    near, tests = as_function(find_near_facets(scalar, lanes)), as_function(list_tests(scalar))
+    near, tests = as_function(find_near_facets(scalar, True)), as_function(list_tests(scalar))
     test = as_function(find_pairs(scalar, False))
     speeds = as_function(range_of_speeds(scalar, lanes))
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from ..basis import kernel, vector
+from ..basis import vector
 from ..springs.lanes import lane_of
 from ..springs.stencil import COLUMN
 from .composition import Composition, Stage, beginning, driving, loads, tools
@@ -23,7 +23,7 @@ def begin_each_connection(composition: Composition):
     begin = beginning(composition)
     if composition.differs is None:
 
-        @kernel
+        @composition.kernel
         def begin_connections(scene: SceneData, compensation: Compensation, x: wp.array(dtype=V)):
             begin(scene, compensation, x, wp.tid())
 
@@ -32,7 +32,7 @@ def begin_each_connection(composition: Composition):
     Step = force_on_each(composition).Step
     enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
-    @kernel
+    @composition.kernel
     def begin_connections_of_worlds(scene: SceneData, step: Step):
         w, c = wp.tid()
         own = enter(scene, w)
@@ -57,12 +57,12 @@ def each_connection(composition: Composition, method: Any = None):
             shift(step, wp.int64(w) * scene.worlds.stride)
             evaluate(own.forces, step.compensation, step.x, step.v, c)
 
-        return kernel(evaluate_forces_of_worlds, grid_stride=False)
+        return composition.kernel(evaluate_forces_of_worlds, grid_stride=False)
 
     def evaluate_forces(forces: Forces, compensation: Compensation, x: wp.array(dtype=V), v: wp.array(dtype=V)):
         evaluate(forces, compensation, x, v, wp.tid())
 
-    return kernel(evaluate_forces, grid_stride=False)
+    return composition.kernel(evaluate_forces, grid_stride=False)
 
 
 @functools.cache
@@ -135,7 +135,7 @@ def each_particle(composition: Composition, method: Any):
         take_stage(scene, step, wp.tid() / wp.static(lanes))
 
     if composition.differs is None:
-        return kernel(advance_particles, **options)
+        return composition.kernel(advance_particles, **options)
     enter, shift = enter_world(composition), to_world(Step, composition.compensated)
 
     # A separate kernel: a launch has as many dimensions as any branch of its kernel uses. With two dimensions each
@@ -145,7 +145,7 @@ def each_particle(composition: Composition, method: Any):
         shift(step, wp.int64(w) * scene.worlds.stride)
         take_stage(enter(scene, w), step, i / wp.static(lanes))
 
-    return kernel(advance_particles_of_worlds, **options)
+    return composition.kernel(advance_particles_of_worlds, **options)
 
 
 @functools.cache
@@ -168,7 +168,7 @@ def each_column(composition: Composition, method: Any):
             if i + d * stride < scene.inverse_mass.shape[0]:
                 complete(scene, step, forces[d], i + d * stride)
 
-    return kernel(
+    return composition.kernel(
         advance_columns, launch_bounds=force_algorithm.column_bounds, grid_stride=force_algorithm.grid_stride
     )
 
@@ -183,7 +183,7 @@ def each_masked(composition: Composition, method: Any):
         i = scene.masked_particles[wp.tid()]
         complete(scene, step, read(scene.spring_force, i), i)
 
-    return kernel(advance_marked)
+    return composition.kernel(advance_marked)
 
 
 @functools.cache

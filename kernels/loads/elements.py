@@ -118,7 +118,7 @@ def element_load(
         _forces, stored = evaluate_wide(WideOwn(data.own[e]), places, rates)
         energy[w, e] = stored
 
-    field = "of_" + factory.__module__.rpartition(".")[2]
+    field = f"{factory.__module__.rpartition('.')[2]}_{factory.__name__}"
     piece = ForceTerm(field, Elements, force=sum_over_elements, selective=True, works=not stores)
     law = ElementForce(projected=projected, points=points)
     return piece, law, add_element_blocks, measure_elements

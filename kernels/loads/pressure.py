@@ -88,15 +88,15 @@ def gas_law(dim: int, scalar: type, compensated: bool, mixed: bool = False):
         thread = wp.tid() % wp.block_dim()
         here = w * stride
         origin = place(x, x_lost, here + corner[ends[gas]][0])
-        share = wp.float64(0.0)
+        own = wp.float64(0.0)
         t = ends[gas] + thread
         while t < ends[gas + 1]:
             a = place(x, x_lost, here + corner[t][0]) - origin
             b = place(x, x_lost, here + corner[t][1]) - origin
             c = place(x, x_lost, here + corner[t][2]) - origin
-            share += wp.dot(a, wp.cross(b, c))
+            own += wp.dot(a, wp.cross(b, c))
             t += wp.block_dim()
-        total = wp.tile_extract(wp.tile_sum(wp.tile(share)), 0) / wp.float64(6.0)
+        total = wp.tile_extract(wp.tile_sum(wp.tile(own)), 0) / wp.float64(6.0)
         if thread == 0:
             # An inverted surface has no volume: the pressure is kept finite, and the run reported as diverged.
             of_gas = numbers[gas]
@@ -136,11 +136,11 @@ def gas_adjoint(dim: int, scalar: type):
 
     @wp.func
     def mean(
-        values: wp.array(dtype=V), part: wp.array2d(dtype=int), share: wp.array2d(dtype=scalar), row: int
+        values: wp.array(dtype=V), part: wp.array2d(dtype=int), weight: wp.array2d(dtype=scalar), row: int
     ) -> V:
         total = V()
         for m in range(part.shape[1]):
-            total += share[row, m] * load(values, part[row, m])
+            total += weight[row, m] * load(values, part[row, m])
         return total
 
     @kernel

@@ -26,7 +26,7 @@ def triangles(dim: int, scalar: type, mixed: bool) -> Any:
         first: wp.array(dtype=int)  # row starts of `number`, shape [particle_count + 1]
         number: wp.array(dtype=int)  # triangles of each particle, shape [3 triangle_count], or [any] if mixed
         if mixed:
-            share: wp.array(dtype=scalar)  # of the particle in the triangle's force, shape [any]
+            weight: wp.array(dtype=scalar)  # of the particle in the triangle's force, shape [any]
             x: wp.array(dtype=V)  # of vertices [m], shape [vertex_count]
             v: wp.array(dtype=V)  # [m/s]
 
@@ -58,7 +58,7 @@ def on_triangles(dim: int, scalar: type, compensated: bool, mixed: bool, Data: A
                     v[k] = load(now.v, corner)
             force = evaluate(data, t, now.time, now.stage, x, v, own)
             if wp.static(mixed):
-                force = data.faces.share[n] * force
+                force = data.faces.weight[n] * force
             total += force
         return total
 

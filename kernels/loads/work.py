@@ -60,12 +60,12 @@ def sum_work(dim: int, scalar: type):
         steady: wp.array(dtype=V),  # steady forces [N], shape [any]
         x: wp.array(dtype=V),  # positions [m], of all worlds
         # Out:
-        shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
+        partial: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
     ):
-        share = wp.tid()
-        threads = shares.shape[0] / worlds
-        w = share / threads
-        i = share % threads
+        thread = wp.tid()
+        threads = partial.shape[0] / worlds
+        w = thread / threads
+        i = thread % threads
         total = wp.float64(0.0)
         while i < count:
             here = w * stride + i
@@ -78,7 +78,7 @@ def sum_work(dim: int, scalar: type):
                 for k in range(wp.static(dim)):
                     total += wp.float64(f[k]) * wp.float64(x_i[k])
             i += threads
-        shares[share] = total
+        partial[thread] = total
 
     return sum_work_done
 
@@ -88,16 +88,16 @@ def add_work(
     done: wp.array(dtype=wp.float64),  # work of effects [J], concatenated by world
     worlds: int,
     # Out:
-    shares: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
+    partial: wp.array(dtype=wp.float64),  # [J], shape [thread_count]
 ):
     """Add to the threads' partial sums in each world the work `done`, which effects have summed themselves."""
-    share = wp.tid()
-    threads = shares.shape[0] / worlds
+    thread = wp.tid()
+    threads = partial.shape[0] / worlds
     count = done.shape[0] / worlds
-    first = share / threads * count
-    i = share % threads
-    total = shares[share]
+    first = thread / threads * count
+    i = thread % threads
+    total = partial[thread]
     while i < count:
         total += done[first + i]
         i += threads
-    shares[share] = total
+    partial[thread] = total

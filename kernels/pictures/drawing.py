@@ -62,7 +62,7 @@ def place_vertices(
 def add_face_normals(
     points: wp.array(dtype=wp.vec3),  # [m], shape [vertex_count]
     triangles: wp.array(dtype=wp.vec3i),  # three vertices each, shape [triangle_count]
-    normal_of: wp.array(dtype=int),  # vertex whose normal each vertex shares, shape [vertex_count]
+    normal_of: wp.array(dtype=int),  # vertex whose normal each vertex has, shape [vertex_count]
     # Out:
     sums: wp.array(dtype=wp.vec3),  # initially 0; twice the area [m²], shape [vertex_count]
 ):
@@ -80,11 +80,11 @@ def add_face_normals(
 @kernel
 def take_normals(
     sums: wp.array(dtype=wp.vec3),  # sums of triangle normals, shape [vertex_count]
-    normal_of: wp.array(dtype=int),  # vertex whose normal each vertex shares, shape [vertex_count]
+    normal_of: wp.array(dtype=int),  # vertex whose normal each vertex has, shape [vertex_count]
     # Out:
     normals: wp.array(dtype=wp.vec3),  # of unit length, shape [vertex_count]
 ):
-    """Normalize the sums, and copy them to the vertices that share them."""
+    """Normalize the sums, and copy them to the vertices that have them."""
     i = wp.tid()
     normals[i] = wp.normalize(sums[normal_of[i]])
 
@@ -189,10 +189,10 @@ def collapse(
 
 
 @wp.func
-def color_at(stops: wp.array(dtype=wp.vec3), share: float) -> wp.vec3:
+def color_at(stops: wp.array(dtype=wp.vec3), fraction: float) -> wp.vec3:
     """Return the color at a fraction 0 … 1 of a scale: linear between its stops, clamped to its ends outside."""
     last = stops.shape[0] - 1
-    at = wp.clamp(share, 0.0, 1.0) * float(last)
+    at = wp.clamp(fraction, 0.0, 1.0) * float(last)
     k = wp.min(int(at), last - 1)
     return stops[k] + (at - float(k)) * (stops[k + 1] - stops[k])
 
@@ -218,7 +218,7 @@ def color_by_strain(
 
 @kernel
 def color_by_value(
-    shares: wp.array(dtype=float),  # shape [particle_count]
+    fractions: wp.array(dtype=float),  # shape [particle_count]
     particle: wp.array2d(dtype=int),  # of each vertex, shape [vertex_count, k]
     weights: wp.array2d(dtype=float),  # shape [vertex_count, k]
     stops: wp.array(dtype=wp.vec3),  # colors of the scale, shape [stop_count]
@@ -227,10 +227,10 @@ def color_by_value(
 ):
     """Color every vertex by the weighted mean of its particles' values, given as fractions of the full value."""
     i = wp.tid()
-    share = float(0.0)
+    fraction = float(0.0)
     for k in range(particle.shape[1]):
-        share += weights[i, k] * shares[particle[i, k]]
-    colors[i] = color_at(stops, share)
+        fraction += weights[i, k] * fractions[particle[i, k]]
+    colors[i] = color_at(stops, fraction)
 
 
 @kernel

@@ -21,7 +21,7 @@ from .shading import (
     texel,
     within_one,
 )
-from .shadow import DepthMap, inverse, narrow, share_of_light
+from .shadow import DepthMap, inverse, lit_fraction, narrow
 
 ASIDE = wp.constant(wp.vec4(0.375, 0.875, 0.125, 0.625))
 """Offsets of a pixel's four points: one in each quarter of its height and of its width (a rotated grid)."""
@@ -45,13 +45,13 @@ def row_of(row: int) -> float:
 
 
 @wp.func
-def shares_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+def weights_of(view: Surroundings, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Return (start, across, down): weights of corners at (x, y) are proportional to start + x across + y down.
 
     Corners are given relative to the camera.
     """
-    shares = wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b))
-    return shares @ view.corner, shares @ view.across, shares @ view.down
+    weights = wp.matrix_from_rows(wp.cross(b, c), wp.cross(c, a), wp.cross(a, b))
+    return weights @ view.corner, weights @ view.across, weights @ view.down
 
 
 @kernel
@@ -96,7 +96,7 @@ def draw_triangles(
     if lowest > highest:
         return
     # Inside, no corner's weight is below 0. The weights and 1 / depth are linear in x and y.
-    start, across, down = shares_of(view, a, b, c)
+    start, across, down = weights_of(view, a, b, c)
     sign = wp.sign(volume)
     slopes = sign * across
     downwards = sign * down
@@ -116,8 +116,8 @@ def draw_triangles(
         near = near_corner + y * near_down + aside * near_slope
         first = int(wp.ceil(wp.min(reach[0], float(columns))))
         for column in range(first, int(wp.floor(wp.max(reach[1], -1.0))) + 1):
-            share = near + float(column) * near_slope
-            key = (wp.uint64(wp.cast(share, wp.uint32)) << wp.uint64(32)) | number
+            inverse_depth = near + float(column) * near_slope
+            key = (wp.uint64(wp.cast(inverse_depth, wp.uint32)) << wp.uint64(32)) | number
             if hidden_by.shape[0] == 0 or key > hidden_by[row, column]:
                 wp.atomic_max(nearest, row, column, key)
 
@@ -145,11 +145,11 @@ def draw_backdrop(
 
 @wp.func
 def light_on_ground(view: Surroundings, shadows: DepthMap, x: float, y: float, around: float) -> float:
-    """Return the share of the key light on the ground at (x, y) in the picture; 1 outside the ground."""
+    """Return the fraction of the key light on the ground at (x, y) in the picture; 1 outside the ground."""
     way = view.corner + x * view.across + y * view.down
     t, _uv = meets_ground(view, way)
     if t > 0.0 and view.shadows == 1:
-        return share_of_light(shadows, view.eye + t * way, view.ground_normal, around)
+        return lit_fraction(shadows, view.eye + t * way, view.ground_normal, around)
     return 1.0
 
 
@@ -196,7 +196,7 @@ def shade_triangle(
 ):
     """Return the shading of a triangle at (x, y) in the picture.
 
-    Namely: brightness of its color, highlights, share of the key light, color if it has no texture, texture
+    Namely: brightness of its color, highlights, fraction of the key light, color if it has no texture, texture
     coordinates and their change per pixel across and down, height above the ground there and the lowest within a
     pixel, how far the normal turns from one pixel to the next, and opacity.
     """
@@ -205,29 +205,29 @@ def shade_triangle(
     b = body.points[corners[1]] - view.eye
     c = body.points[corners[2]] - view.eye
     normal = wp.cross(b - a, c - a)
-    start, to_right, downwards = shares_of(view, a, b, c)
-    shares = start + x * to_right + y * downwards
-    whole = shares[0] + shares[1] + shares[2]
+    start, to_right, downwards = weights_of(view, a, b, c)
+    weights = start + x * to_right + y * downwards
+    whole = weights[0] + weights[1] + weights[2]
     # For a triangle seen edge-on, rounding must not give a point outside.
-    shares = wp.max(shares / whole, wp.vec3())
-    shares = shares / (shares[0] + shares[1] + shares[2])
-    # Change of the shares per pixel.
+    weights = wp.max(weights / whole, wp.vec3())
+    weights = weights / (weights[0] + weights[1] + weights[2])
+    # Change of the weights per pixel.
     to_right = to_right / whole
-    to_right -= (to_right[0] + to_right[1] + to_right[2]) * shares
+    to_right -= (to_right[0] + to_right[1] + to_right[2]) * weights
     downwards = downwards / whole
-    downwards -= (downwards[0] + downwards[1] + downwards[2]) * shares
+    downwards -= (downwards[0] + downwards[1] + downwards[2]) * weights
     color = wp.vec3()
     at = wp.vec2()
     across = wp.vec2()
     down = wp.vec2()
     if body.textured == 1:
-        at = mix(shares, body.uv, corners)
+        at = mix(weights, body.uv, corners)
         across = mix(to_right, body.uv, corners)
         down = mix(downwards, body.uv, corners)
     else:
-        color = mix(shares, body.colors, corners)
+        color = mix(weights, body.colors, corners)
     ray = wp.normalize(view.corner + x * view.across + y * view.down)
-    upright = wp.normalize(mix(shares, body.normals, corners))
+    upright = wp.normalize(mix(weights, body.normals, corners))
     turn = wp.length(mix(to_right, body.normals, corners))
     turn += wp.length(mix(downwards, body.normals, corners))
     if wp.dot(a, normal) > 0.0:  # its back is visible
@@ -238,21 +238,24 @@ def shade_triangle(
         heights = wp.vec3()
         for k in range(3):
             heights[k] = height(view, body.points[corners[k]])
-        above = wp.dot(shares, heights)
+        above = wp.dot(weights, heights)
         least = above - wp.abs(wp.dot(to_right, heights)) - wp.abs(wp.dot(downwards, heights))
-    share = float(1.0)
+    lit = float(1.0)
     if view.shadows == 1 and face >= body.first_shaded and wp.dot(upright, view.light) > 0.0:
-        share = share_of_light(shadows, view.eye + shares[0] * a + shares[1] * b + shares[2] * c, normal, around)
+        lit = lit_fraction(shadows, view.eye + weights[0] * a + weights[1] * b + weights[2] * c, normal, around)
     finish = body.finishes[body.finish[face]]
-    bright, glint, opacity = light_on(view, finish, body.gloss[face], upright, ray, share, above)
-    return bright, glint, share, color, at, across, down, above, least, turn, opacity
+    bright, glint, opacity = light_on(view, finish, body.gloss[face], upright, ray, lit, above)
+    return bright, glint, lit, color, at, across, down, above, least, turn, opacity
 
 
 @wp.func
 def mean_texel(
     body: Body, at: wp.vec2, across: wp.vec2, down: wp.vec2, x: float, y: float, covered: int
 ) -> wp.vec3:
-    """Return the texture's mean color at the points `covered` (bits) of a pixel; (x, y) in it maps to `at`."""
+    """Return the texture's mean color at those points of a pixel that `covered` has, as bits.
+
+    Texture coordinates are `at` where the pixel has (x, y); per pixel they change by `across` and `down`.
+    """
     color = wp.vec3()
     for p in range(4):
         if (covered >> p) & 1 == 1:
@@ -264,7 +267,7 @@ def mean_texel(
 def shade_pixel(
     body: Body, view: Surroundings, shadows: DepthMap, row: int, column: int, nearest: Keys, pixels: Pixels
 ):
-    """Draw triangles and their shadow on the ground in one pixel; each is shaded at its covered points' mean."""
+    """Draw triangles and their shadow on the ground in one pixel; each is shaded at the mean of its points."""
     faces = faces_at(nearest, row, column, 4)
     for q in range(4):
         if faces[q] >= 0:
@@ -280,7 +283,7 @@ def shade_pixel(
             if faces[p] < 0:
                 bare += count
             else:
-                bright, glint, _share, color, at, across, down, above, _least, _turn, opacity = shade_triangle(
+                bright, glint, _lit, color, at, across, down, above, _least, _turn, opacity = shade_triangle(
                     body, view, shadows, faces[p], float(column) + x, float(row) + y, 0.0
                 )
                 if body.textured == 1:
@@ -292,12 +295,12 @@ def shade_pixel(
                     bare += count
         p += 1
     if bare > 0.0:
-        share = float(1.0)
+        lit = float(1.0)
         if body.glass == 0:
-            share = light_on_ground(view, shadows, float(column) + 0.5, float(row) + 0.5, 0.0)
-        if share == 1.0 and bare == 4.0:
+            lit = light_on_ground(view, shadows, float(column) + 0.5, float(row) + 0.5, 0.0)
+        if lit == 1.0 and bare == 4.0:
             return
-        mean += 0.25 * bare * (view.shadow + (1.0 - view.shadow) * share) * color_of(pixels[row, column])
+        mean += 0.25 * bare * (view.shadow + (1.0 - view.shadow) * lit) * color_of(pixels[row, column])
     pixels[row, column] = in_bytes(mean)
 
 
@@ -326,30 +329,30 @@ def shade_square(
                 return 4
             if faces[point] < 0:
                 bare = covered
-                share = float(1.0)
+                lit = float(1.0)
                 if body.glass == 0:
-                    share = light_on_ground(view, shadows, float(column) + x, float(row) + y, SQUARE_MARGIN)
-                if share > 0.0 and share < 1.0:
+                    lit = light_on_ground(view, shadows, float(column) + x, float(row) + y, SQUARE_MARGIN)
+                if lit > 0.0 and lit < 1.0:
                     return 4
-                if covered == ALL and share == 1.0:
+                if covered == ALL and lit == 1.0:
                     return 0
-                bright = view.shadow + (1.0 - view.shadow) * share
+                bright = view.shadow + (1.0 - view.shadow) * lit
                 for n in range(4):
                     weight = 0.25 * bright * number_of(covered >> (4 * n))
                     means[n] += weight * color_of(pixels[row + n / 2, column + n % 2])
             else:
-                bright, glint, share, color, at, across, down, _above, least, turn, _opacity = shade_triangle(
+                bright, glint, lit, color, at, across, down, _above, least, turn, _opacity = shade_triangle(
                     body, view, shadows, faces[point], float(column) + x, float(row) + y, SQUARE_MARGIN
                 )
-                if least < -view.below or (share > 0.0 and share < 1.0) or glint > MOST_GLINT or turn > MOST_TURN:
+                if least < -view.below or (lit > 0.0 and lit < 1.0) or glint > MOST_GLINT or turn > MOST_TURN:
                     return 4
                 for n in range(4):
                     here = (covered >> (4 * n)) & 15
                     if here > 0:
                         if body.textured == 1:
                             color = mean_texel(body, at, across, down, x - float(n % 2), y - float(n / 2), here)
-                        lit = within_one(bright * color + wp.vec3(glint, glint, glint))
-                        means[n] += 0.25 * number_of(here) * lit
+                        seen = within_one(bright * color + wp.vec3(glint, glint, glint))
+                        means[n] += 0.25 * number_of(here) * seen
         point += 1
     for n in range(4):
         pixels[row + n / 2, column + n % 2] = in_bytes(means[n])

@@ -35,7 +35,7 @@ def cast(through_glass: bool):
         glass: Body,
         view: Surroundings,
         # Out:
-        image: wp.array2d(dtype=wp.vec4),  # red, green, blue, share of the light, shape [height, width]
+        image: wp.array2d(dtype=wp.vec4),  # red, green, blue, fraction of the light, shape [height, width]
     ):
         """Draw the picture with one ray through each pixel's centre, and one from the hit towards the light.
 
@@ -44,9 +44,9 @@ def cast(through_glass: bool):
         row, column = place(wp.tid(), image.shape[1])
         if row < image.shape[0] and column < image.shape[1]:
             spot = 2 * (row % 2) + column % 2
-            color, share = shade_ray(body, glass, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
+            color, lit = shade_ray(body, glass, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
             color = within_one(color)
-            image[row, column] = wp.vec4(color[0], color[1], color[2], share)
+            image[row, column] = wp.vec4(color[0], color[1], color[2], lit)
 
     return cast_rays
 
@@ -71,8 +71,8 @@ def choose(
     askew = image[wp.min(row + 1, image.shape[0] - 1), wp.min(column + 1, image.shape[1] - 1)]
     pixel = image.shape[1] * row + column
     # These neighbours have sampled all four points of the light.
-    shares = Six(here[3], left[3], right[3], above[3], below[3], askew[3])
-    if wp.max(shares) > 0.5 and wp.min(shares) < 0.5:
+    lit = Six(here[3], left[3], right[3], above[3], below[3], askew[3])
+    if wp.max(lit) > 0.5 and wp.min(lit) < 0.5:
         chosen[0, wp.atomic_add(count, 0, 1)] = pixel
     elif wp.length(right[:3] - left[:3]) + wp.length(below[:3] - above[:3]) > CONTRAST:
         chosen[1, wp.atomic_add(count, 1, 1)] = pixel
@@ -84,8 +84,8 @@ def choose(
 def refine(lanes: int, through_glass: bool):
     """Compose the kernel that draws chosen pixels with four rays each.
 
-    Pixels in penumbras come first, since they take longest. `lanes` (1, 4 or 16) adjacent threads share a pixel.
-    Of 4 threads each casts one ray. Of 16, four share a penumbra's ray and divide the samples of its light.
+    Pixels in penumbras come first, since they take longest. `lanes` (1, 4 or 16) adjacent threads draw a pixel.
+    Of 4 threads each casts one ray. Of 16, four take a penumbra's ray and divide the samples of its light.
     """
     together, parts = sum_over_lanes(3, wp.float32, lanes), max(lanes // 4, 1)
     shade_ray = ray_shader(through_glass)
@@ -107,7 +107,7 @@ def refine(lanes: int, through_glass: bool):
         while i < count[0] + count[1]:
             pixel = int(0)
             looks = int(1)
-            shared = int(1)  # number of threads that share a ray
+            shared = int(1)  # number of threads of one ray
             if i < count[0]:
                 pixel = chosen[0, i]
                 looks = spots / wp.static(parts)
@@ -124,7 +124,7 @@ def refine(lanes: int, through_glass: bool):
                     first = k
                     if i < count[0]:  # adjacent pixels sample other points, to avoid visible steps
                         first = FIRST_SAMPLES + spots * (8 * (row % 2) + 4 * (column % 2) + k) + looks * (lane / 4)
-                    color, _share = shade_ray(body, glass, view, x, y, first, looks)
+                    color, _lit = shade_ray(body, glass, view, x, y, first, looks)
                     mean += (0.25 / float(shared)) * within_one(color)
             mean = together(mean)
             if lane == 0:
@@ -152,7 +152,7 @@ def lay_over(
         hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
         if hit.result:
             met += 1
-            color, _share, _opacity = shade_hit(body, view, hit, ray, 0, 0)
+            color, _lit, _opacity = shade_hit(body, view, hit, ray, 0, 0)
             mean += 0.25 * within_one(color)
     if met > 0:
         pixels[row, column] = in_bytes(mean + (1.0 - 0.25 * float(met)) * color_of(pixels[row, column]))

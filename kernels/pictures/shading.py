@@ -64,8 +64,8 @@ class Surroundings:
     fill: float
     tone: float  # how much brighter surfaces are than in proportion to the light
     shadows: int  # 1 if there are shadows, else 0
-    shaded: float  # share of the key light on bodies in full shadow, 0 … 1
-    shadow: float  # share of the ground's color in full shadow, 0 … 1
+    shaded: float  # fraction of the key light on bodies in full shadow, 0 … 1
+    shadow: float  # fraction of the ground's color in full shadow, 0 … 1
     has_ground: int
     contact: float  # height above the ground where half of the light from there arrives [m]
     below: float  # points deeper below the ground are not drawn [m]
@@ -91,7 +91,7 @@ float32, and less than a tenth of a pixel."""
 FIRST_SAMPLES = wp.constant(4)
 """Points of the light that adjacent pixels sample, one each, to detect penumbras."""
 FACING_AWAY = wp.constant(0.5)
-"""Value for the visible share of the key light on surfaces that face away from it."""
+"""Value for the visible fraction of the key light on surfaces that face away from it."""
 
 
 @wp.func
@@ -114,9 +114,9 @@ def in_bytes(color: wp.vec3) -> wp.vec3ub:
 
 
 @wp.func
-def mix(shares: wp.vec3, values: wp.array(dtype=Any), corners: wp.vec3i):
+def mix(weights: wp.vec3, values: wp.array(dtype=Any), corners: wp.vec3i):
     """Return the weighted sum of the values at the corners of a triangle."""
-    return shares[0] * values[corners[0]] + shares[1] * values[corners[1]] + shares[2] * values[corners[2]]
+    return weights[0] * values[corners[0]] + weights[1] * values[corners[1]] + weights[2] * values[corners[2]]
 
 
 @wp.func
@@ -148,21 +148,21 @@ def nearest_texel(image: wp.array2d(dtype=wp.vec3ub), uv: wp.vec2) -> wp.vec3:
 
 @wp.func
 def height(view: Surroundings, spot: wp.vec3) -> float:
-    """Return the height of a point above the ground [m]; 0 if there is none."""
+    """Return the height of a point above the ground [m]; 0 without a ground."""
     return wp.dot(spot - view.ground_centre, view.ground_normal)
 
 
 @wp.func
 def surroundings_at(upwards: float) -> float:
     """Return the brightness of the surroundings that is mirrored, for a direction's vertical component -1 … 1."""
-    share = wp.clamp((upwards - wp.static(DARK_BELOW)) / wp.static(BRIGHT_ABOVE - DARK_BELOW), 0.0, 1.0)
+    up = wp.clamp((upwards - wp.static(DARK_BELOW)) / wp.static(BRIGHT_ABOVE - DARK_BELOW), 0.0, 1.0)
     sky = wp.static(MIRRORED_SKY) - wp.static(ZENITH) * wp.max(upwards, 0.0)
-    return wp.static(MIRRORED_GROUND) + (sky - wp.static(MIRRORED_GROUND)) * share * share * (3.0 - 2.0 * share)
+    return wp.static(MIRRORED_GROUND) + (sky - wp.static(MIRRORED_GROUND)) * up * up * (3.0 - 2.0 * up)
 
 
 @wp.func
 def visible_light(body: Body, view: Surroundings, start: wp.vec3, first: int, count: int) -> float:
-    """Return the visible share of `count` points of the key light, starting at `first`."""
+    """Return the visible fraction of `count` points of the key light, starting at `first`."""
     if view.shadows == 0:
         return 1.0
     hidden = int(0)
@@ -192,8 +192,8 @@ def light_on(
 ):
     """Return the brightness of a surface's color, highlights, and opacity; see `msdwarp/pictures/light.py`.
 
-    `normal` is that of the visible side; `arrives` is the share of the key light that reaches it, and `above` the
-    height above the ground [m].
+    `normal` is that of the visible side; `arrives` is the fraction of the key light that reaches it, and `above`
+    the height above the ground [m].
     """
     from_ground = view.bounce * (1.0 - view.contact / (wp.max(above, 0.0) + view.contact + 1.0e-30))
     diffuse = view.sky + 0.5 * (1.0 - normal[2]) * (from_ground - view.sky)
@@ -233,23 +233,23 @@ def light_on(
 
 @wp.func
 def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3, first: int, count: int):
-    """Return the color of the body where the ray hit it, the share of the key light that reaches it, and opacity.
+    """Return the color of the body where the ray hit it, the fraction of the key light there, and opacity.
 
     Phong's shading, for both sides. If triangles approximate a smooth surface, a ray towards the light starts on
     that surface, since the triangles' own shadow would be jagged at grazing light (J. Hanika, "Hacking the shadow
     terminator", Ray Tracing Gems II, 2021).
     """
     corners = body.triangles[hit.face]
-    shares = wp.vec3(hit.u, hit.v, 1.0 - hit.u - hit.v)
+    weights = wp.vec3(hit.u, hit.v, 1.0 - hit.u - hit.v)
     side = float(1.0)
     if wp.dot(hit.normal, ray) > 0.0:
         side = -1.0
-    normal = side * wp.normalize(mix(shares, body.normals, corners))
-    color = mix(shares, body.colors, corners)
+    normal = side * wp.normalize(mix(weights, body.normals, corners))
+    color = mix(weights, body.colors, corners)
     if body.textured == 1:
-        at = mix(shares, body.uv, corners)
+        at = mix(weights, body.uv, corners)
         color = texel(body.texture, at[0], at[1])
-    share = FACING_AWAY
+    lit = FACING_AWAY
     arrives = float(1.0)
     spot = view.eye + hit.t * ray
     if wp.dot(normal, view.light) > 0.0 and count > 0 and hit.face >= body.first_shaded:
@@ -257,13 +257,13 @@ def shade_hit(body: Body, view: Surroundings, hit: wp.MeshQueryRay, ray: wp.vec3
         for k in range(3):
             # Move up to the tangent plane at each corner.
             upwards = side * body.normals[corners[k]]
-            start += shares[k] * (wp.max(wp.dot(body.points[corners[k]] - spot, upwards), 0.0) * upwards)
-        share = visible_light(body, view, start, first, count)
-        arrives = share
+            start += weights[k] * (wp.max(wp.dot(body.points[corners[k]] - spot, upwards), 0.0) * upwards)
+        lit = visible_light(body, view, start, first, count)
+        arrives = lit
     finish = body.finishes[body.finish[hit.face]]
     above = height(view, spot)
     bright, glint, opacity = light_on(view, finish, body.gloss[hit.face], normal, ray, arrives, above)
-    return bright * color + wp.vec3(glint, glint, glint), share, opacity
+    return bright * color + wp.vec3(glint, glint, glint), lit, opacity
 
 
 @wp.func
@@ -288,21 +288,21 @@ def ray_shader(through_glass: bool):
     def shade_ray(body: Body, glass: Body, view: Surroundings, column: float, row: float, first: int, count: int):
         """Return the color at a point of the picture, in pixels from its upper left, and the light there.
 
-        That is the visible share of `count` points of the key light, from `first` on. Only the nearest glass is
-        drawn.
+        The light is the visible fraction of `count` points of the key light, from `first` on. Of several glasses
+        behind each other only the nearest is drawn.
         """
         ray = wp.normalize(view.corner + column * view.across + row * view.down)
         color = view.background
-        share = FACING_AWAY
+        lit = FACING_AWAY
         hit = wp.mesh_query_ray(body.mesh, view.eye, ray, view.far)
         if hit.result and (view.has_ground == 0 or height(view, view.eye + hit.t * ray) >= -view.below):
-            color, share, _opacity = shade_hit(body, view, hit, ray, first, count)
+            color, lit, _opacity = shade_hit(body, view, hit, ray, first, count)
         else:
             t, uv = meets_ground(view, ray)
             if t > 0.0:
                 spot = view.eye + t * ray
-                share = visible_light(body, view, spot + GAP * t * view.ground_normal, first, count)
-                color = (view.shadow + (1.0 - view.shadow) * share) * texel(view.ground, uv[0], uv[1])
+                lit = visible_light(body, view, spot + GAP * t * view.ground_normal, first, count)
+                color = (view.shadow + (1.0 - view.shadow) * lit) * texel(view.ground, uv[0], uv[1])
         if wp.static(through_glass):
             through = wp.mesh_query_ray(glass.mesh, view.eye, ray, view.far)
             if through.result and (through.t < hit.t or not hit.result):
@@ -310,10 +310,10 @@ def ray_shader(through_glass: bool):
                     seen, own, opacity = shade_hit(glass, view, through, ray, first, count)
                     color = (1.0 - opacity) * color + opacity * within_one(seen)
                     # A value that changes at the edges of penumbras, both on the glass and behind it.
-                    if share == FACING_AWAY:
-                        share = own
+                    if lit == FACING_AWAY:
+                        lit = own
                     elif own != FACING_AWAY:
-                        share = wp.abs(share - own)
-        return color, share
+                        lit = wp.abs(lit - own)
+        return color, lit
 
     return shade_ray

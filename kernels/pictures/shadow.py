@@ -48,13 +48,13 @@ def inverse(slope: float) -> float:
 
 
 @wp.func
-def narrow(share: float, run: float, reach: wp.vec2) -> wp.vec2:
-    """Return the part of the interval `reach` where share + x / run >= 0; for a run of 0 the share is constant."""
+def narrow(start: float, run: float, reach: wp.vec2) -> wp.vec2:
+    """Return the part of the interval `reach` where start + x / run >= 0; if run is 0, where start >= 0."""
     if run > 0.0:
-        return wp.vec2(wp.max(reach[0], -share * run), reach[1])
+        return wp.vec2(wp.max(reach[0], -start * run), reach[1])
     if run < 0.0:
-        return wp.vec2(reach[0], wp.min(reach[1], -share * run))
-    if share < 0.0:
+        return wp.vec2(reach[0], wp.min(reach[1], -start * run))
+    if start < 0.0:
         return wp.vec2(1.0, 0.0)
     return reach
 
@@ -102,7 +102,7 @@ def draw_depth(
 
 @wp.func
 def nearest_around_spot(shadows: DepthMap, at: wp.vec3) -> float:
-    """Return how near to the light the first surface around a point is [m], linear between blocks."""
+    """Return the distance towards the light of the first surface around a point [m], linear between blocks."""
     last = shadows.around.shape[0] - 1
     column = wp.clamp(at[0] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
     row = wp.clamp(at[1] * wp.static(1.0 / BLOCK) - 0.5, 0.0, float(last))
@@ -124,8 +124,8 @@ def hidden(shadows: DepthMap, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> in
 
 
 @wp.func
-def share_of_light(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
-    """Return the share of the key light that reaches a point [m] of a plane with a normal of any length.
+def lit_fraction(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
+    """Return the fraction of the key light that reaches a point [m] of a plane with a normal of any length.
 
     The sampling radius grows with the height of possible occluders above the point, plus `around` texels.
     """

@@ -22,7 +22,7 @@ def way_out(s: Solids, p: int, x: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def outside(s: Solids, p: int, gap: float, x: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3, shares: wp.vec3):
+def outside(s: Solids, p: int, gap: float, x: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3, weights: wp.vec3):
     """Return a point x of the triangle a, b, c, moved out of a solid, so that it keeps `gap` from it [m].
 
     Points further than 2 `gap` stay. Of two points on top of each other the upper one stays the upper one.
@@ -34,7 +34,7 @@ def outside(s: Solids, p: int, gap: float, x: wp.vec3, a: wp.vec3, b: wp.vec3, c
     if before < 0.0:
         wanted = gap - BULGE * before
     # From inside, the nearest side may be wrong. The corners are outside, and show the right side.
-    ahead = shares[0] * way_out(s, p, a) + shares[1] * way_out(s, p, b) + shares[2] * way_out(s, p, c)
+    ahead = weights[0] * way_out(s, p, a) + weights[1] * way_out(s, p, b) + weights[2] * way_out(s, p, c)
     steps = wp.static(STEPS)
     if wp.length(ahead) < 0.1:
         steps = 3
@@ -52,7 +52,7 @@ def bend(
     points: wp.array(dtype=wp.vec3),  # of the flat triangles [m], shape [vertex_count]
     normals: wp.array(dtype=wp.vec3),  # of unit length, shape [vertex_count]
     corners: wp.array(dtype=wp.vec3i),  # the triangle that each fine vertex is in, shape [fine_count]
-    shares: wp.array(dtype=wp.vec3),  # its barycentric coordinates there, shape [fine_count]
+    weights: wp.array(dtype=wp.vec3),  # its barycentric coordinates there, shape [fine_count]
     free: wp.array(dtype=float),  # 0 where particles are pinned, such as into a frame, else 1, shape [fine_count]
     s: Solids,
     turn: wp.array(dtype=wp.mat33),  # poses of the solids, shape [solid_count]
@@ -67,15 +67,15 @@ def bend(
     a = points[corners[i][0]]
     b = points[corners[i][1]]
     c = points[corners[i][2]]
-    x = shares[i][0] * a + shares[i][1] * b + shares[i][2] * c
+    x = weights[i][0] * a + weights[i][1] * b + weights[i][2] * c
     for p in range(s.kind.shape[0]):
         back = wp.transpose(turn[p])
         o = shift[p]
         y = back * (x - o)
-        moved = outside(s, p, gap, y, back * (a - o), back * (b - o), back * (c - o), shares[i])
+        moved = outside(s, p, gap, y, back * (a - o), back * (b - o), back * (c - o), weights[i])
         x += free[i] * (turn[p] * (moved - y))
     fine_points[i] = x
     normal = wp.vec3()
     for k in range(3):
-        normal += shares[i][k] * normals[corners[i][k]]
+        normal += weights[i][k] * normals[corners[i][k]]
     fine_normals[i] = wp.normalize(normal)

@@ -187,10 +187,10 @@ def sum_up(dim: int, scalar: type, everything: bool, laws: Laws, block: int):
                     turns += wp.cross(position, momentum)
             i += threads
         done_work = wp.float64(0.0)
-        share = work.shape[0] / found.shape[0]
+        per_world = work.shape[0] / found.shape[0]
         i = thread
-        while i < share:
-            done_work += work[w * share + i]
+        while i < per_world:
+            done_work += work[w * per_world + i]
             i += threads
         if wp.static(everything):
             length_row = w % connections.rest_length.shape[0]
@@ -257,21 +257,21 @@ def sum_up(dim: int, scalar: type, everything: bool, laws: Laws, block: int):
 
 @kernel
 def fold(
-    shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
+    partial: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
     largest: int,  # column that is a maximum instead of a sum; -1: none
-    first: int,  # column of `rows` for the first column of `shares`
+    first: int,  # column of `rows` for the first column of `partial`
     rows: wp.array3d(dtype=wp.float64),  # partial sums in rows, in a fixed order
 ):
     """Add the partial sums of a world's threads up to a few rows; one thread per entry of `rows`."""
     w, row, column = wp.tid()
     total = wp.float64(0.0)
-    share = row
-    while share < shares.shape[1]:
+    thread = row
+    while thread < partial.shape[1]:
         if column == largest:
-            total = wp.max(total, shares[w, share, column])
+            total = wp.max(total, partial[w, thread, column])
         else:
-            total += shares[w, share, column]
-        share += rows.shape[1]
+            total += partial[w, thread, column]
+        thread += rows.shape[1]
     rows[w, row, first + column] = total
 
 

@@ -42,11 +42,11 @@ def sum_members(of: Sum):
         data: Data,
         count: int,
         # Out:
-        shares: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
+        partial: wp.array3d(dtype=wp.float64),  # shape [worlds, thread_count, columns]
     ):
-        w, share = wp.tid()
+        w, thread = wp.tid()
         total = Columns()
-        m = share
+        m = thread
         while m < count:
             one = term(data, w, m)
             if wp.static(largest >= 0):
@@ -54,9 +54,9 @@ def sum_members(of: Sum):
             total += one
             if wp.static(largest >= 0):
                 total[largest] = most
-            m += shares.shape[1]
+            m += partial.shape[1]
         for k in range(wp.static(columns)):
-            shares[w, share, k] = total[k]
+            partial[w, thread, k] = total[k]
 
     return sum_terms
 
@@ -324,7 +324,7 @@ def sum_cell_stress(dim: int, scalar: type, solid: bool, flat: bool) -> Sum:
                 for d in range(wp.static(dim)):
                     points[k, d] = point[d]
         volume, _gradient = geometry(points, is_flat)
-        _energy, slope, _curvature, _share = law(data.modulus[m], volume / data.rest_volume[m])
+        _energy, slope, _curvature, _damping_fraction = law(data.modulus[m], volume / data.rest_volume[m])
         volume = wp.abs(volume)
         normal = wp.vec3d()
         if wp.static(flat and dim == 3):

@@ -85,9 +85,9 @@ def cell_pressure(scalar: type, damped: bool):
     @wp.func
     def pressure_of(cells: CellTable, c: int, volume: scalar, rate: scalar) -> scalar:
         rest = cells.rest_volume[c]
-        _energy, pressure, _curvature, share = law(cells.modulus[c], volume / rest)
+        _energy, pressure, _curvature, damping_fraction = law(cells.modulus[c], volume / rest)
         if wp.static(damped):
-            pressure += cells.damping[c] * share * rate / rest
+            pressure += cells.damping[c] * damping_fraction * rate / rest
         return pressure
 
     return pressure_of
@@ -145,7 +145,7 @@ def cell_force(dim: int, scalar: type, compensated: bool, solid: bool, flat: boo
 def cell_volumes(
     dim: int, scalar: type, compensated: bool, solid: bool, flat: bool, damped: bool, everywhere: bool
 ) -> ForceTerm:
-    """Return the term of cells; its parts are forces on corners, of which each particle sums its own.
+    """Return the term of cells; before forces each cell writes its own on its corners, which particles sum.
 
     If cells are `everywhere`, the kernel does not test whether a particle has cells.
     """
@@ -175,8 +175,8 @@ def cell_volumes(
     def exert_on_corners(data: Corners, compensation: Compensation, x: Vectors, v: Vectors, c: int):
         exert(data.cells, compensation, x, v, 0, c, data.force, c)
 
-    parts = cell_count, exert_on_corners
-    return ForceTerm("cells", Corners, force=sum_over_corners, parts=parts, selective=not everywhere)
+    before = cell_count, exert_on_corners
+    return ForceTerm("cells", Corners, force=sum_over_corners, before_forces=before, selective=not everywhere)
 
 
 @functools.cache
@@ -263,13 +263,13 @@ def cell_energies(dim: int, scalar: type, solid: bool, flat: bool):
                 points[k] = Row(x[first + cells.corners[c, k]])
         volume, gradient = geometry(points, is_flat)
         rest = wp.float64(cells.rest_volume[c])
-        density, _pressure, _curvature, share = law(wp.float64(cells.modulus[c]), volume / rest)
+        density, _pressure, _curvature, damping_fraction = law(wp.float64(cells.modulus[c]), volume / rest)
         rate = wp.float64(0.0)
         for k in range(wp.static(corners)):
             if k < used:
                 rate += wp.dot(Row(v[first + cells.corners[c, k]]), gradient[k])
         energy[w, c] = rest * density
-        power[w, c] = wp.float64(cells.damping[c]) * share * rate * rate / rest
+        power[w, c] = wp.float64(cells.damping[c]) * damping_fraction * rate * rate / rest
 
     return find_cell_energies
 
@@ -316,7 +316,7 @@ def cell_blocks(dim: int, scalar: type, solid: bool, flat: bool):
             return
         volume, gradient = geometry(points, is_flat)
         rest = wp.float64(cells.rest_volume[c])
-        _energy, pressure, curvature, share = law(wp.float64(cells.modulus[c]), volume / rest)
+        _energy, pressure, curvature, damping_fraction = law(wp.float64(cells.modulus[c]), volume / rest)
         sums = turning(points, is_flat)
         for k in range(wp.static(corners)):
             if k < used:
@@ -326,7 +326,7 @@ def cell_blocks(dim: int, scalar: type, solid: bool, flat: bool):
                     square = wp.float64(0.5) / rest * light / own * wp.outer(gradient[k], gradient[k])
                     turned = wp.float64(0.5) * wp.abs(pressure) * sums[k]
                     along = wp.max(curvature, wp.float64(0.0)) * square
-                    damped = wp.max(wp.float64(cells.damping[c]), wp.float64(0.0)) * share
+                    damped = wp.max(wp.float64(cells.damping[c]), wp.float64(0.0)) * damping_fraction
                     wp.atomic_add(stiffness, i, along + turned * wp.identity(dim, wp.float64))
                     wp.atomic_add(damping, i, damped * square)
 

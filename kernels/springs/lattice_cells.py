@@ -84,7 +84,7 @@ def lattice_pressure(scalar: type, compensated: bool, damped: bool):
 
 @functools.cache
 def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: bool) -> ForceTerm:
-    """Return the term of a lattice's cells; its parts are pressures, from which each particle computes its force.
+    """Return the term of a lattice's cells; before forces each cell writes its pressure, which particles read.
 
     If cells are `everywhere`, the kernel does not test whether a particle has cells.
     """
@@ -134,8 +134,8 @@ def lattice_volumes(scalar: type, compensated: bool, damped: bool, everywhere: b
     def find_own_pressure(data: Cells, compensation: Compensation, x: Vectors, v: Vectors, c: int):
         find_pressure(data, compensation, x, v, 0, c, 0)
 
-    parts = cell_count, find_own_pressure
-    return ForceTerm("cells", Cells, force=sum_over_faces, parts=parts, selective=not everywhere)
+    before = cell_count, find_own_pressure
+    return ForceTerm("cells", Cells, force=sum_over_faces, before_forces=before, selective=not everywhere)
 
 
 @functools.cache

@@ -47,11 +47,11 @@ def plastic_flow(dim: int, scalar: type, compensated: bool):
         stretch = wp.length(separation(compensation, x, load(x, i), i, j)) - rest
         excess = wp.abs(stretch) - f.yield_strain[c] * original
         if excess > scalar(0.0):
-            share = scalar(1.0)
+            fraction = scalar(1.0)
             if f.relaxation_time[c] > scalar(0.0):
-                share = scalar(1.0) - wp.exp(-f.h / f.relaxation_time[c])
+                fraction = scalar(1.0) - wp.exp(-f.h / f.relaxation_time[c])
             most = f.largest_plastic_strain[c] * original
-            flown = wp.clamp(rest + share * excess * wp.sign(stretch), original - most, original + most)
+            flown = wp.clamp(rest + fraction * excess * wp.sign(stretch), original - most, original + most)
             if (flown - rest) * stretch > scalar(0.0):  # a change has moved it beyond the bound: keep it
                 f.rest_length[c] = flown
 

@@ -39,7 +39,7 @@ from .springs import (
     TensionOnlySpring,
     UnknownSpring,
 )
-from .stress import connection_shares, stress, von_mises
+from .stress import connection_fractions, stress, von_mises
 from .surface import Surface
 from .system import System, headline
 from .torn_surfaces import Bare, Edges, broken_before, cells_of, connection_between, laid_bare

@@ -93,7 +93,7 @@ def contact_surfaces(system: System, shape: NDArray[np.float64] | None = None) -
     particle = np.concatenate([particle, np.repeat(bare[:, None], particle.shape[1], axis=1)])
     weight = np.concatenate([weight, alone])
     body = body_of[particle[:, 0]]
-    near = system.between_neighbours
+    near = system.between_neighbors
     pairs = system.connections if near is None else system.connections[near]
     between_bare = ~drawn[body_of[pairs[:, 0]]]
     count = np.bincount(body_of, minlength=bodies)
@@ -235,7 +235,7 @@ def spring_means(
     system: System, body_of_particle: NDArray[np.integer], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return for each body the mean of its springs' values; 0 for a body without springs."""
-    near = system.between_neighbours  # springs that resist bending differ in length and are far softer
+    near = system.between_neighbors  # springs that resist bending differ in length and are far softer
     near = slice(None) if near is None else near
     of, bodies = body_of_particle[system.connections[near, 0]], int(body_of_particle.max()) + 1
     count = np.bincount(of, minlength=bodies)

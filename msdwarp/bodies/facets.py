@@ -36,8 +36,8 @@ class Facets(NamedTuple):
         if not self.mixed:
             return values
         result = np.zeros((count, *values.shape[1:]))
-        shares = self.weight.reshape(*self.weight.shape, *[1] * (values.ndim - 1))
-        np.add.at(result, self.particle, shares * values[:, None])
+        weights = self.weight.reshape(*self.weight.shape, *[1] * (values.ndim - 1))
+        np.add.at(result, self.particle, weights * values[:, None])
         return result
 
     def bound(self, sums: NDArray[np.float64], count: int) -> NDArray[np.float64]:

@@ -125,7 +125,7 @@ class Material:
     ) -> tuple[float, ...]:
         """Return the stiffness of inner connections [N/m], by the number of axes they span, from 1 on."""
         unit = self._modulus_of_springs(axes) * section * spacing ** (axes - 2)
-        return tuple(unit * share for share in _STIFFNESS[axes, diagonals])
+        return tuple(unit * fraction for fraction in _STIFFNESS[axes, diagonals])
 
     def cell_modulus(self, axes: int, section: float = 1.0) -> float:
         """Return κ = λ − μ of the cells of a solid [Pa] or sheet [N/m]; 0 if springs alone give the ratio."""

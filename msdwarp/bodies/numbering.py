@@ -58,7 +58,7 @@ def places_along_curve(points: NDArray[np.floating], bits: int) -> NDArray[np.in
     return place
 
 
-def between_neighbours(directions: Sequence[Mapping[str, slice]], count: int) -> NDArray[np.bool_] | None:
+def between_neighbors(directions: Sequence[Mapping[str, slice]], count: int) -> NDArray[np.bool_] | None:
     """Return a mask of `count` connections, False for those between second neighbours; None if all are True."""
     named = [(name, part) for body in directions for name, part in body.items()]
     second = [part for name, part in named if re.fullmatch(f"([+-]?2[xyz])+|{_SECOND}", name)]
@@ -78,7 +78,7 @@ def renumbered(fields: Mapping[str, Any], order: ArrayLike | None) -> dict[str, 
     number[chosen] = np.arange(n, dtype=np.int32)
     connections = number[fields["connections"]]
     ends = np.sort(connections, axis=1)
-    near = between_neighbours(fields["directions"], len(ends))
+    near = between_neighbors(fields["directions"], len(ends))
     second = np.zeros(len(ends), dtype=bool) if near is None else ~near
     of_connections = np.lexsort((ends[:, 1], ends[:, 0], second))
     result: dict[str, Any] = {"connections": connections[of_connections]}

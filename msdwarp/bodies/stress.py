@@ -42,12 +42,12 @@ def stress(system: System, position: ArrayLike | None = None) -> NDArray[np.floa
     x = system.position if position is None else checks.broadcast("position", position, system.position.shape)
     volume = np.abs(cells.volumes(x))
     virial = _virials(system, x) + (cells.slopes(x) * volume)[:, None, None] * _planes(system, x)
-    total, shares = np.zeros((len(x), *virial.shape[1:])), np.zeros(len(x))
+    total, weights = np.zeros((len(x), *virial.shape[1:])), np.zeros(len(x))
     for k in range(cells.corners.shape[1]):
         here = cells.corners[:, k] != NONE
         np.add.at(total, cells.corners[here, k], virial[here])
-        np.add.at(shares, cells.corners[here, k], volume[here])
-    return total / np.where(shares > 0, shares, np.inf)[:, None, None]
+        np.add.at(weights, cells.corners[here, k], volume[here])
+    return total / np.where(weights > 0, weights, np.inf)[:, None, None]
 
 
 def _virials(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -66,7 +66,7 @@ def _virials(system: System, x: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-def connection_shares(system: System, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
+def connection_fractions(system: System, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the fraction of each connection that chosen cells have; all cells around it have equal fractions."""
     cell, pair, pair_of = _joined_corners(system)
     count = int(pair_of.max(initial=-1)) + 1

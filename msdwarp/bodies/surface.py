@@ -63,7 +63,7 @@ class Surface:
         own = checks.whole_numbers("particle", particle, allowed, lambda s: len(s) in (1, 2) and s[1:] != (0,))
         checks.within("particle", own, checks.index_below(2**31 - 1))
         object.__setattr__(self, "particle", checks.as_int32(own))
-        object.__setattr__(self, "weights", _shares(weights, own.shape))
+        object.__setattr__(self, "weights", _checked_weights(weights, own.shape))
         object.__setattr__(self, "uv", checks.broadcast("uv", uv, (len(own), 2)))
         object.__setattr__(self, "triangles", checks.indices("triangles", triangles, 3, len(own)))
         object.__setattr__(self, "normal_of", None)
@@ -134,7 +134,7 @@ class Surface:
         return np.arange(len(self.particle), dtype=np.int32) if self.normal_of is None else self.normal_of
 
 
-def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+def _checked_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
     """Return a surface's weights, checked, as a read-only array of this shape; None if vertices are particles."""
     if len(shape) == 1:
         if weights is not None:
@@ -145,11 +145,11 @@ def _shares(weights: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.flo
         return None
     if weights is None:
         raise ValueError(f"weights is None, but particle has shape {shape}: weights must be of that shape")
-    shares = checks.broadcast("weights", weights, shape)
-    checks.within("weights", shares, checks.FINITE)
-    total = shares.sum(axis=1)
+    found = checks.broadcast("weights", weights, shape)
+    checks.within("weights", found, checks.FINITE)
+    total = found.sum(axis=1)
     checks.every("the sum of weights", total, np.abs(total - 1) <= _SUM, f"1 to within {_SUM:g}")
-    return shares
+    return found
 
 
 def _widened(

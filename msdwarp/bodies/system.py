@@ -14,7 +14,7 @@ from .angles import Angles
 from .cells import Cells
 from .dampers import LINEAR, Damper
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
-from .numbering import between_neighbours, concatenated, renumbered
+from .numbering import between_neighbors, concatenated, renumbered
 from .selection import chosen, mask_of, particles_meant
 from .space import rotation_matrix
 from .springs import LINEAR_SPRING, Spring
@@ -196,13 +196,13 @@ class System:
         return len(self.connections)
 
     @property
-    def between_neighbours(self) -> NDArray[np.bool_] | None:
+    def between_neighbors(self) -> NDArray[np.bool_] | None:
         """Mask that is False between second neighbours, shape [connection_count]; None if it would be all True.
 
         Second neighbours have directions such as "2x". Connections between them are compressed in a flat sheet:
         see `msdwarp.shapes.bending`.
         """
-        return between_neighbours(self.directions, self.connection_count)
+        return between_neighbors(self.directions, self.connection_count)
 
     @property
     def dim(self) -> int:
@@ -240,7 +240,7 @@ class System:
         return self.length / self.rest_length - 1
 
     @property
-    def centre_of_mass(self) -> NDArray[np.float64]:
+    def center_of_mass(self) -> NDArray[np.float64]:
         """Centre of mass of the free particles (of all, if all are pinned) [m], shape [d]."""
         weights = np.where(self.pinned, 0.0, self.mass)
         return np.average(self.position, axis=0, weights=weights if weights.any() else None)
@@ -290,7 +290,7 @@ class System:
             A point on the axis [m], shape [d]; by default the centre of mass.
         """
         checks.between("angle", angle, -checks.LARGEST, checks.LARGEST)
-        centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
+        centre = self.center_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
         turn = rotation_matrix(self.dim, angle, axis)
         return self.replace(position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T)
 
@@ -301,7 +301,7 @@ class System:
         Masses, constants and velocities stay as they are: make a body of a material in its final size instead.
         """
         factor = checks.positive("factor", factor)
-        centre = self.centre_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
+        centre = self.center_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
         rest, original = (factor * one for one in (self.rest_length, self.original_length))
         cells, position = self.cells and self.cells.enlarged(factor), centre + factor * (self.position - centre)
         return self.replace(position=position, rest_length=rest, original_length=original, cells=cells)
@@ -312,7 +312,7 @@ class System:
         The angular velocity [rad/s] has shape [3] in three dimensions, and is a scalar in two. Pinned particles
         stay at rest. Raises ValueError if the system is one-dimensional.
         """
-        arm = self.position - self.centre_of_mass
+        arm = self.position - self.center_of_mass
         if self.dim == 3:
             added = np.cross(checks.vector("angular_velocity", angular_velocity, 3), arm)
         elif self.dim == 2:

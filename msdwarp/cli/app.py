@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from .. import scenes
 from . import file_commands
-from .options import FitOptions, Flag, Options, SimulationOptions, TuneOptions, ViewOptions
+from .options import FitOptions, Flag, ModesOptions, Options, SimulationOptions, TuneOptions, ViewOptions
 from .process import start_warp
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
 from .scene_flags import flags_app, new_app
@@ -78,6 +78,15 @@ def tune(scene: Name, /, *flags: Words) -> None:
     `msdwarp tune SCENE --help` shows the flags. `msdwarp run SCENE --tolerance 1e-3` runs with the choice.
     """
     _with_scene("tune", scene, flags, TuneOptions)
+
+
+@app.command(help_flags=())
+def modes(scene: Name, /, *flags: Words) -> None:
+    """Find the eigenfrequencies, shapes and damping ratios of a scene's slowest vibrations.
+
+    `msdwarp modes SCENE --help` shows the flags.
+    """
+    _with_scene("modes", scene, flags, ModesOptions)
 
 
 @app.command(help_flags=())

@@ -105,6 +105,8 @@ def allowed(kind: Any) -> str:
     if get_origin(kind) is Literal:
         values = [str(value) for value in get_args(kind)]
         return values[0] if len(values) == 1 else f"one of {', '.join(values)}"
+    if get_origin(kind) is tuple:
+        return allowed(get_args(kind)[0])
     if get_origin(kind) in (Union, UnionType):
         return " or ".join(allowed(one) for one in get_args(kind) if one is not type(None))
     return _KINDS.get(kind, f"a {getattr(kind, '__name__', kind)}")

@@ -3,7 +3,6 @@
 Each command imports its modules when called, so that help and command-line errors appear at once.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,7 +14,7 @@ from cyclopts import Parameter
 
 from ..disk import TRAJECTORY, writable_folder
 from .error_messages import printable
-from .options import Color, Flag, Pictures, Quiet, Verbose, ViewOptions
+from .options import Bodies, Color, Cut, Flag, Pictures, PicturesAgain, Quiet, Verbose, ViewOptions
 from .process import progress_on, start_warp
 from .results import free_folder, pictures_in
 from .script_signatures import UNTRUSTED, Script
@@ -29,9 +28,7 @@ if TYPE_CHECKING:
 
 File = Annotated[Path, Parameter(help="A trajectory (*.vtkhdf) or a run's folder.")]
 DeviceBefore = Annotated[str | None, Parameter(help="Device to simulate on. Default: the one used before.")]
-PICTURES, VIEW = Pictures(), ViewOptions()
-_MOST_FPS = 60.0
-"""Most pictures per second of a film; faster films skip frames."""
+PICTURES, AS_BEFORE, VIEW = Pictures(), PicturesAgain(), ViewOptions()
 
 
 def info(file: File, /) -> None:
@@ -46,9 +43,14 @@ def export(
     file: File,
     /,
     *,
-    to: Literal["obj", "stl", "ply", "gltf", "usd", "npz"],
+    to: Literal["glb", "usd", "obj", "ply", "stl", "npz"],
     frame: int | None = None,
+    every: int = 1,
+    body: Bodies = (),
+    cut: Cut = None,
     color: Color | None = None,
+    up: Literal["y", "z"] | None = None,
+    scale: float = 1.0,
     out: Path | None = None,
     script: Script = UNTRUSTED,
     force: Flag = False,
@@ -58,24 +60,41 @@ def export(
     Parameters
     ----------
     to
-        File format. npz holds positions, velocities and times; usd what the run's pictures show, with obstacles,
-        colors, light and camera. The others hold the triangles of the bodies: gltf with colors and textures, ply
-        with colors, obj with texture coordinates, stl alone.
+        File format. glb (glTF) and usd hold all frames as one animation: glb bodies and obstacles, with materials
+        and textures, usd also the ground, light, camera, velocities for motion blur, and ropes as curves. obj, ply
+        and stl hold the triangles of the bodies, a file for each frame: obj with materials and textures, ply with
+        colors, stl alone. npz holds positions, velocities and times.
     frame
         Convert this frame only, counted from 0; negative numbers count from the end. Default: all frames.
+    every
+        Convert only every Nth frame.
     color
         What the colors show, as in `msdwarp render`. Default: as in the pictures of the run.
+    up
+        The axis that points up: y or z. Default: y in glb, as glTF demands, and z in the other formats.
+    scale
+        Lengths in the file, over those in metres: 100 for centimetres, 1000 for millimetres.
     out
         File to write. Default: the trajectory's name with the format's extension.
     force
         Overwrite existing files.
     """
     with at_once():
+        from .. import checks
         from ..files import export
     with opened(file) as trajectory:
-        frames, draw = slice(None) if frame is None else frame, partial(_drawn, trajectory, to, color, script)
+        every = checks.count("every", every, 1)
+        if to == "npz" and (color or body or cut):
+            raise ValueError(
+                "color, body or cut is given; where to is 'npz' they must not be: it holds what was simulated"
+            )
+        if frame is not None and every > 1:
+            raise ValueError(f"every is {every}; it must not be given beside frame")
+        frames = slice(None, None, every) if frame is None else frame
+        given = {name: value for name, value in (("color", color), ("body", body), ("cut", cut)) if value}
+        draw = partial(_drawn, trajectory, given, script)
         target = out or trajectory.path.with_suffix(f".{to}")
-        paths = export(trajectory, target, to, frames, force=force, draw=draw)
+        paths = export(trajectory, target, to, frames, up=up, scale=scale, force=force, draw=draw)
     more = f" ... {paths[-1].name}" if len(paths) > 1 else ""
     print(f"wrote {paths[0]}{more}")
 
@@ -90,7 +109,6 @@ def render(
     every: int = 1,
     speed: float = 1.0,
     still: float | None = None,
-    samples: int = 64,
     out: Path | None = None,
     script: Script = UNTRUSTED,
     force: Flag = False,
@@ -111,11 +129,9 @@ def render(
         Draw only every Nth frame.
     speed
         Playback speed of the film; 1 is real time, 0.25 is slow motion. A fast film skips frames to stay at 60 a
-        second.
+        second, a slow one has frames between those of the run.
     still
         Draw only the frame at this time [s], for print: SCENE_still.png, with the camera of the film.
-    samples
-        Number of pictures, each shifted by parts of a pixel, whose mean a still is: more make edges smoother.
     out
         Folder for the pictures. Default: `render` beside the trajectory, or render-2 ... if that exists.
     force
@@ -126,19 +142,21 @@ def render(
         from rich.console import Console
 
         from .. import checks
+        from ..pictures import particles_of
         from .commands.draw import draw
+        from .commands.moments import frames_shown
     talk = Console(stderr=True, quiet=quiet)
     with opened(file) as trajectory:
-        shown, fps = frames_shown(trajectory, first, last, every, speed)
+        shown, moments, fps = frames_shown(trajectory, first, last, every, speed)
         if still is not None:
             checks.between("still", still, trajectory.times[shown[0]], trajectory.times[shown[-1]])
-            checks.count("samples", samples, 1)
             pictures = replace(pictures, frames="none", video="none")
         pictures.check(len(shown))
         if not pictures.any and still is None:
             raise ValueError("frames and video are none, and overlay is not given: nothing would be drawn")
         name, scene = _scene_of(trajectory, talk, script)
         replace(scene, look=pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
+        particles_of(scene.system, pictures.body)
         usual = trajectory.path.parent / "render"
         folder = out or (usual if force else free_folder(usual))
         there = pictures_in(folder, name)
@@ -146,7 +164,7 @@ def render(
             raise FileExistsError(f"{there[0]} exists, and would be replaced; name another --out or add --force")
         writable_folder("out", folder, folder)
         # An earlier, longer film may have left further pictures, so all of them are removed.
-        more = {"still_at": still, "samples": samples, "replaced": there}
+        more = {"moments": moments, "still_at": still, "replaced": there}
         with progress_on(talk) as progress:
             line = draw(scene, trajectory, folder, name, pictures, progress, shown=shown, fps=fps, **more)
     if not quiet:
@@ -222,6 +240,7 @@ def resume(
     *,
     duration: float | None = None,
     device: DeviceBefore = None,
+    pictures: PicturesAgain = AS_BEFORE,
     script: Script = UNTRUSTED,
     force: Flag = False,
     quiet: Quiet = False,
@@ -230,7 +249,8 @@ def resume(
     """Continue an interrupted run to its end, and draw it.
 
     The result equals that of an uninterrupted run bit for bit. On a GPU this does not hold for the algorithm
-    scatter and the integrator linearly-implicit-euler.
+    scatter and the integrator linearly-implicit-euler. It is drawn as the run was to be, but for the flags of
+    pictures that are given.
 
     Parameters
     ----------
@@ -247,7 +267,8 @@ def resume(
     if not folder.exists():
         raise FileNotFoundError(f"{folder} does not exist; it must be the folder of a run")
     folder = folder if folder.is_dir() else folder.parent
-    resume_run(folder, duration=duration, device=device, force=force, quiet=quiet, script=script)
+    given = {"duration": duration, "device": device, "pictures": pictures, "script": script}
+    resume_run(folder, force=force, quiet=quiet, **given)
 
 
 def rerun(
@@ -295,43 +316,26 @@ def opened(file: Path) -> Iterator["Trajectory"]:
         yield trajectory
 
 
-def frames_shown(trajectory: "Trajectory", first: int, last: int, every: int, speed: float) -> tuple[range, float]:
-    """Return (indices of the frames to draw, the film's frames per second)."""
-    from .. import checks
-
-    count = len(trajectory)
-    if not count:
-        raise ValueError(f"{trajectory.path} has no frames to draw")
-    for name, k in (("first", first), ("last", last)):
-        if not -count <= k < count:
-            raise ValueError(
-                f"{name} is {k}; the run has {count} frames, and it must be from {-count} to {count - 1}"
-            )
-    shown = range(first % count, last % count + 1, checks.count("every", every, 1))
-    if not shown:
-        raise ValueError(f"last is {last}; it must not be before first, which is {first}")
-    usual = trajectory.fps / every
-    fps = usual * checks.between("speed", speed, 0.01, 100)
-    step = math.ceil(fps / max(usual, _MOST_FPS) - 1e-9)
-    return shown[::step], fps / step
-
-
 def _drawn(
-    trajectory: "Trajectory", to: str, color: str | None, script: Script, numbers: Sequence[int], whole: bool
+    trajectory: "Trajectory",
+    given: dict[str, Any],
+    script: Script,
+    numbers: Sequence[int],
+    to: str,
 ) -> "tuple[Iterator[DrawnFrame], dict[str, Any]]":
-    """Return frames of a trajectory as in the pictures of its run, or in other colors; see `draw.drawn`."""
+    """Return frames of a trajectory as in the pictures of its run, but for given flags; see `drawn.drawn`."""
     start_warp(False)
     with at_once():
         from rich.console import Console
 
-        from .commands.draw import drawn
+        from .commands.drawn import drawn
         from .provenance import restored_options
 
-    talk = Console(stderr=True, quiet=to in ("obj", "stl"))  # which have no colors
+    talk = Console(stderr=True, quiet=to == "stl")  # which has no colors
     scene = _scene_of(trajectory, talk, script)[1]
     kept = trajectory.attributes.get("options")
     pictures = restored_options(kept).pictures if isinstance(kept, dict) and "pictures" in kept else PICTURES
-    return drawn(scene, trajectory, replace(pictures, color=color or pictures.color), numbers, whole)
+    return drawn(scene, trajectory, replace(pictures, **given), numbers, to)
 
 
 def _scene_of(trajectory: "Trajectory", talk: "Console", script: Script) -> tuple[str, "Scene"]:

@@ -65,7 +65,7 @@ def run(
         Print errors only.
     flags
         Any other flag of `msdwarp run`, with underscores: color="strain", azimuth=30.0, every=2, settle=True,
-        contact_forces=True, log="energy.csv" ...
+        contact_forces=True, log="energy.csv", body="ball", cut=(0, -1, 0) ...
 
     Returns
     -------
@@ -134,8 +134,11 @@ def _options(given: Mapping[str, Any]) -> "Options":
         values[name] = values[name] or "none"
     if isinstance(values["resolution"], tuple):
         values["resolution"] = "x".join(map(str, values["resolution"]))
-    if isinstance(values.get("target"), tuple):
-        values["target"] = ",".join(map(str, values["target"]))
+    for name in ("target", "cut"):
+        if isinstance(values.get(name), tuple):
+            values[name] = ",".join(map(str, values[name]))
+    for name in {"body", "passes"} & values.keys():
+        values[name] = (values[name],) if isinstance(values[name], str) else tuple(values[name])
     if isinstance(method := values["integrator"], Integrator):
         values["integrator"] = next((name for name, one in METHODS.items() if one == method), method)
     for name, value in values.items():

@@ -5,11 +5,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from cyclopts import Parameter
 
-from .results import overlay_path
+from .results import overlay_path, pass_path
 
 if TYPE_CHECKING:
     from ..world import Look, Plane
@@ -26,6 +26,22 @@ MethodName = Literal[
 ]
 IntOrAuto = int | Literal["auto"]
 Color = Literal["texture", "strain", "velocity", "energy", "stress", "contact"]
+Bodies = Annotated[
+    tuple[str, ...],
+    Parameter(
+        negative=(),
+        help="Draw this group of particles only, such as a body; may be repeated. The name obstacles adds these. "
+        "Default: everything.",
+    ),
+]
+Cut = Annotated[
+    str | None,
+    Parameter(
+        allow_leading_hyphen=True,
+        help="Cut the bodies by a plane, and show what is inside: its normal and its offset [m], such as 0,-1,0 "
+        "or 0,0,1,0.5. What is above it at the start is not drawn. Default: set by the scene, or no cut.",
+    ),
+]
 RendererName = Literal["auto", "raster", "raycast", "opengl"]
 Quiet = Annotated[bool, Parameter(negative=(), help="Print errors only.")]
 Verbose = Annotated[bool, Parameter(negative=(), help="Print messages from Warp and VTK too.")]
@@ -96,11 +112,23 @@ class Pictures(CameraOptions):
     """What the colors show: the texture, the strain of connections (blue: shorter than at rest, red: longer), or
     the velocity, energy, stress (von Mises; bodies with a Poisson's ratio) or contact force of particles. Default:
     set by the scene."""
+    body: Bodies = ()
+    floor: Literal["chequered", "plain", "shadows", "none"] | None = None
+    """How the ground is drawn: chequered, plain, none, or shadows alone, in the color of the background. Default:
+    set by the scene."""
+    shutter: float = 0.0
+    """Motion blur: the time that a picture of the film is exposed, over the time between two. 0.5 is that of a
+    film camera, 0 none."""
+    samples: int | None = None
+    """Number of pictures whose mean a picture with motion blur is, or a still. Default: 8, and 64 for a still."""
+    passes: Annotated[tuple[Literal["depth", "mask"], ...], Parameter(negative=())] = ()
+    """Write beside each picture of the film, for compositing, the distance of what is seen from the camera
+    (depth_0000.tif) or which body it is (mask_0000.png, with names in masks.json); may be repeated."""
+    transparent: Flag = False
+    """Draw no background: PNG and WebP files have an opacity."""
     full_strain: float | None = None
     """Strain at the ends of the color scale. Default: set by the scene, or fitted to the run."""
-    cut: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
-    """Cut the bodies by a plane, and show what is inside: its normal and its offset [m], such as 0,-1,0 or
-    0,0,1,0.5. What is above it at the start is not drawn. Default: set by the scene, or no cut."""
+    cut: Cut = None
     arrows: Flag = False
     """Draw contact forces as arrows, in front of the bodies."""
     renderer: RendererName = "auto"
@@ -130,12 +158,13 @@ class Pictures(CameraOptions):
     @property
     def any(self) -> bool:
         """Whether anything is to be drawn."""
-        return self.overlay is not None or not self.frames == self.video == "none"
+        return self.overlay is not None or bool(self.passes) or not self.frames == self.video == "none"
 
     def are_in(self, folder: Path, name: str, frame_count: int) -> bool:
         """Return whether a folder has all pictures of a run with `frame_count` frames."""
         wanted = [] if self.overlay is None else [overlay_path(folder, name)]
         wanted += [] if self.video == "none" else [folder / f"{name}.{self.video}"]
+        wanted += [pass_path(folder, name, frame_count - 1) for name in self.passes]
         wanted += [] if self.frames == "none" else [folder / f"frame_{frame_count - 1:04d}.{self.frames}"]
         return all(path.exists() for path in wanted)
 
@@ -145,18 +174,41 @@ class Pictures(CameraOptions):
         from ..pictures import check_formats, no_opengl
         from ..world import Look
 
-        check_formats(self.frames, self.video)
+        check_formats(self.frames, self.video, self.transparent)
         parse_resolution(self.resolution)
         checks.positive("zoom", self.zoom)
         if self.renderer == "opengl" and (why := no_opengl()) is not None:
             raise ValueError(f"renderer is opengl, which cannot draw here; it must be another one or auto: {why}")
         if self.full_strain is not None:
             checks.positive("full_strain", self.full_strain)
+        checks.between("shutter", self.shutter, 0, 1)
+        if self.samples is not None:
+            checks.count("samples", self.samples, 1)
         Look(**self.camera, cut=self.plane)  # checks the fields
         if self.overlay is not None and checks.count("overlay", self.overlay, 2) > frame_count:
             raise ValueError(
                 f"overlay is {self.overlay}; it must be at most the number of frames drawn, {frame_count}"
             )
+        if self.transparent and self.overlay is not None:
+            raise ValueError("overlay is given; it must not be with a transparent background")
+
+
+@Parameter(name="*", show_default=False)
+@dataclass(frozen=True, kw_only=True)
+class PicturesAgain(Pictures):
+    """What to draw of a run that goes on: what it was to draw, but for the flags that are given."""
+
+    given: ClassVar[Mapping[str, Any]] = {}
+
+    def __new__(cls, **given: Any) -> "PicturesAgain":
+        """Keep which flags are given, to tell them from defaults."""
+        one = super().__new__(cls)
+        object.__setattr__(one, "given", given)
+        return one
+
+    def over(self, before: Pictures) -> Pictures:
+        """Return what was to be drawn before, changed by the flags that are given."""
+        return replace(before, **self.given)
 
 
 def flattened(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -262,7 +314,8 @@ class Options(SimulationOptions):
         log = self.log
         if log is not None and not self.logs_in_folder:
             log = str(Path(log).absolute())  # the run may be resumed from another folder
-        return asdict(self) | {"out": self.out and str(self.out), "log": log}
+        pictures = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(self.pictures).items()}
+        return asdict(self) | {"out": self.out and str(self.out), "log": log, "pictures": pictures}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,6 +354,24 @@ class TuneOptions:
     horizon: float = 1.0
     """Simulated time after which errors are measured [s]."""
     device: Device = None
+    verbose: Verbose = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ModesOptions:
+    """The flags of every search for modes, whatever the scene."""
+
+    modes: int = 10
+    """Number of modes, the slowest ones; motions of rigid bodies count."""
+    settle: Flag = False
+    """Settle the scene first: modes are those about its equilibrium under weight and other loads."""
+    plot: Path | None = None
+    """Draw the shapes into this file, such as modes.png."""
+    films: Path | None = None
+    """Write a film of each shape into this folder: mode_01.webp ..."""
+    force: Flag = False
+    """Overwrite existing files of --plot and --films."""
     verbose: Verbose = False
 
 

@@ -130,7 +130,8 @@ def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
             if not fits(value, hints[name]):
                 raise ValueError(f"the run's {name} is {checks.repr_short(value)}, which no run stores")
     out = values.pop("out", None)
-    return Options(**values, out=out and Path(out), pictures=Pictures(**pictures))
+    drawing: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in pictures.items()}
+    return Options(**values, out=out and Path(out), pictures=Pictures(**drawing))
 
 
 def fits(value: Any, kind: Any) -> bool:
@@ -139,6 +140,8 @@ def fits(value: Any, kind: Any) -> bool:
         return any(fits(value, one) for one in get_args(kind))
     if get_origin(kind) is Literal:
         return any(type(value) is type(one) and value == one for one in get_args(kind))
+    if get_origin(kind) is tuple:
+        return isinstance(value, list | tuple) and all(fits(one, get_args(kind)[0]) for one in value)
     kinds = {float: (int, float), Path: str}.get(kind, kind)
     return isinstance(value, kinds) and (kind is bool or not isinstance(value, bool))
 
@@ -219,9 +222,9 @@ def _poses(pose: Callable[[float], Iterable[Any]], times: NDArray) -> Iterator[b
 
 
 def _of_times(values: Callable[[NDArray], NDArray], times: NDArray) -> bytes:
-    """Return the bytes of a function's values; it may fail in a scene's duration, but after the end of a run.
+    """Return the bytes of a function's values; "undefined" in place of those at times at which it fails.
 
-    Where it fails at one of the times, the others still count.
+    A run may have ended before such a time, though it is within the scene's duration.
     """
     try:
         return values(times).tobytes()

@@ -9,6 +9,8 @@ from .. import disk
 from ..disk import TRAJECTORY, alone_in, is_unfinished
 
 RESTART = "restart.h5"
+MASKS = "masks.json"
+"""The bodies' names, by their numbers in masks."""
 PROBES, PROBES_BY_SUBSTEP = "probes.csv", "probes_by_substep.csv"
 
 
@@ -83,8 +85,14 @@ def pictures_in(folder: Path, name: str) -> list[Path]:
     from ..pictures import FILM_FORMATS
 
     others = [folder / f"{name}.{end}" for end in FILM_FORMATS]
-    others += [overlay_path(folder, name), still_path(folder, name)]
-    return [*sorted(folder.glob("frame_[0-9]*.png")), *(path for path in others if path.exists())]
+    others += [overlay_path(folder, name), still_path(folder, name), folder / MASKS]
+    drawn = [folder.glob(f"{one}_[0-9]*.*") for one in ("frame", "depth", "mask")]
+    return [*sorted(path for paths in drawn for path in paths), *(path for path in others if path.exists())]
+
+
+def pass_path(folder: Path, kind: str, k: int) -> Path:
+    """Return the path of a picture's pass: its depth or mask."""
+    return folder / f"{kind}_{k:04d}.{'tif' if kind == 'depth' else 'png'}"
 
 
 def still_path(folder: Path, name: str) -> Path:

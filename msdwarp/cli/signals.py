@@ -69,7 +69,7 @@ def ask(number: int, frame: FrameType | None = None) -> None:
 
 
 def lost(found: "sys.UnraisableHookArgs") -> None:
-    """Send a signal again if Python has ignored its exception, as in a `__del__`: a `sys.unraisablehook`."""
+    """Send a signal again whose exception Python has ignored, as it does in `__del__`; a `sys.unraisablehook`."""
     if isinstance(found.exc_value, KeyboardInterrupt | Terminated):
         _hear_again(number_of(found.exc_value))
     else:
@@ -115,8 +115,8 @@ def at_once() -> contextlib.AbstractContextManager[None]:
 def noted(announce: Callable[[], Any]) -> Iterator[list[int]]:
     """Yield a list; the first signal is added to it, then `announce` is called.
 
-    A second signal acts as usual. At the end so does the first signal, unless the list was emptied meanwhile. A
-    long frame is left unfinished, by KeyboardInterrupt.
+    A second signal acts as usual. When the block ends, so does the first one, unless the list was emptied
+    meanwhile. KeyboardInterrupt ends a long frame early.
     """
     before = {number: signal.getsignal(number) for number in heard(*ALL)}
 

@@ -6,9 +6,11 @@ launches its own solver.
 
 from .adjoint.adjoint import Adjoint, without_adjoint
 from .adjoint.stage_adjoint import StageAdjoint
+from .adjoint.tangent import Tangent
 from .adjoint.tape import Tape
 from .collision.body_contact import BodyContact
 from .collision.contact_forces import ContactForces
+from .collision.penetration_depth import outward_normals, start_depths, touching
 from .diagnostics.divergence_monitor import Backup, Baseline, DivergenceMonitor, FrozenWorlds, WorldStatus
 from .diagnostics.energies import Measures, measure, write_in_order, write_strain
 from .diagnostics.energy_balance import (

@@ -1,9 +1,6 @@
 """Export: a trajectory's frames in the formats of other programs."""
 
-import base64
 import importlib.util
-import io
-import json
 import zipfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -11,12 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from .. import checks
-from ..disk import failure_named, replacing, reserve
+from ..disk import reserve, writing
+from .drawn import UP, DrawnFrame, DrawnMesh, material_names, placed
+from .gltf import write_glb
+from .obj import write_mtl, write_obj
 from .trajectory import Trajectory
-from .usd import DrawnFrame, DrawnMesh, linear, write_usd
+from .usd import write_usd
 
 
 def export(
@@ -25,19 +24,23 @@ def export(
     to: str,
     frames: int | slice | Sequence[int] = slice(None),
     *,
+    up: str | None = None,
+    scale: float = 1.0,
     force: bool = False,
-    draw: Callable[[list[int], bool], tuple[Iterable[DrawnFrame], dict[str, Any]]] | None = None,
+    draw: Callable[[list[int], str], tuple[Iterable[DrawnFrame], dict[str, Any]]] | None = None,
 ) -> list[Path]:
-    """Write frames in another format, with the triangles and colors of pictures. Return the files.
+    """Write frames in another format, with the triangles and colors of pictures. Return the files with frames.
 
-    For obj, stl, ply and gltf each frame is a file, `cube_0012.obj` for frame 12, with the bodies; usd, with the
-    whole scene, and npz (positions, velocities, times and connections) have one file for all. All but npz need
-    `draw`, which takes the frames' indices, and whether to draw the whole scene or the bodies alone; it returns
-    the frames, and arguments of `write_usd`.
+    For obj, stl and ply each frame is a file, `cube_0012.obj` for frame 12, with the bodies; glb, with obstacles
+    too, usd, with the whole scene, and npz (positions, velocities, times and connections) have one file for all.
+    Beside it obj has a file of materials, and obj and usd a folder of images. All but npz need `draw`, which takes
+    the frames' indices and the format; it returns the frames, and arguments of `write_usd`. `up` is the axis that
+    points up, "y" or "z", by default y in glb and z in all others; lengths are in metres, multiplied by `scale`.
+    npz has positions as simulated.
 
-    Raise ValueError if the format is unknown, is not the path's suffix, or needs a missing package or `draw`, or
-    if a frame does not exist. Raise FileExistsError if a file exists and `force` is False. Each file is written
-    whole or not at all.
+    Raise ValueError if the format is unknown, is not the path's suffix, or needs a missing package or `draw`, if a
+    frame does not exist, or if `up` or `scale` is out of range. Raise FileExistsError if a file exists and `force`
+    is False. Each file is written whole or not at all.
     """
     path = Path(path)
     checks.one_of("to", to, (*_MESHES, *_WHOLE))
@@ -49,27 +52,48 @@ def export(
         raise ValueError(f"draw is None; where to is {to!r} it must be a function that draws frames")
     if to == "usd" and importlib.util.find_spec("pxr") is None:
         raise ValueError("to is 'usd', which needs the extra `usd`: pip install 'msdwarp[usd]'")
+    checks.one_of("up", up, (None, *UP))
+    checks.positive("scale", scale)
+    if to == "npz" and (up, scale) != (None, 1.0):
+        raise ValueError("up or scale is given; where to is 'npz' they must not be: it holds what was simulated")
+    up = up or ("y" if to == "glb" else "z")
     numbers = _numbers(frames, len(trajectory))
     paths = [path]
     if to in _MESHES and not isinstance(frames, int):
         paths = [path.with_name(f"{path.stem}_{k:04d}{path.suffix}") for k in numbers]
-    textures = path.with_name(f"{path.stem}_textures")
-    for one in (*paths, *([textures] if to == "usd" else [])):
+    textures, library = path.with_name(f"{path.stem}_textures"), path.with_suffix(".mtl")
+    beside = {"usd": [textures], "obj": [library, textures]}.get(to, [])
+    for one in (*paths, *beside):
         if one.exists() and not force:
             raise FileExistsError(f"path is {one}, which exists; name another file or add --force")
     path.parent.mkdir(parents=True, exist_ok=True)
-    if to in _WHOLE:
-        with failure_named(path), replacing(path) as unfinished:
-            if draw is not None and to == "usd":
-                drawn, stage = draw(numbers, True)
-                write_usd(unfinished, trajectory.fps, numbers, drawn, textures=textures, **stage)
-            else:
-                _npz(trajectory, numbers, unfinished)
+    if to == "npz":
+        with writing(path) as unfinished:
+            _npz(trajectory, numbers, unfinished)
         return paths
     assert draw is not None
-    for one, (meshes, _) in zip(paths, draw(numbers, False)[0], strict=True):
-        with failure_named(one), replacing(one) as unfinished:
-            _MESHES[to](unfinished, [_seen(mesh) for mesh in meshes if mesh.visible is None or mesh.visible.any()])
+    drawn, stage = draw(numbers, to)
+    drawn = (placed(frame, up, scale) for frame in drawn)
+    if to in _WHOLE:
+        with writing(path) as unfinished:
+            if to == "usd":
+                stage = {**stage, "sun": stage["sun"] @ UP[up]}
+                about = {"textures": textures, "up": up, "scale": scale}
+                write_usd(unfinished, trajectory.fps, numbers, drawn, **about, **stage)
+            else:
+                moving = (meshes if len(numbers) > 1 else _shown(meshes) for meshes, _ in drawn)
+                write_glb(unfinished, trajectory.times[numbers].tolist(), moving)
+        return paths
+    for k, (one, (meshes, _)) in enumerate(zip(paths, drawn, strict=True)):
+        names = material_names(meshes)
+        with writing(one) as unfinished:
+            if to == "obj":
+                write_obj(unfinished, _shown(meshes), names, library.name)
+            else:
+                _by_pyvista(unfinished, _shown(meshes))
+        if to == "obj" and not k:  # all frames have the same materials
+            with writing(library) as unfinished:
+                write_mtl(unfinished, {names[mesh.material]: mesh for mesh in meshes}, textures)
     return paths
 
 
@@ -86,13 +110,9 @@ def _numbers(frames: int | slice | Sequence[int], count: int) -> list[int]:
     return numbers
 
 
-def _seen(mesh: DrawnMesh) -> DrawnMesh:
-    """Return a mesh without what is hidden, with colors at its vertices."""
-    triangles = mesh.triangles if mesh.visible is None else mesh.triangles[mesh.visible]
-    used, triangles = np.unique(triangles, return_inverse=True)
-    color = np.broadcast_to(mesh.color, mesh.points.shape)[used]
-    triangles = triangles.reshape(-1, 3)
-    return mesh._replace(points=mesh.points[used], uv=mesh.uv[used], color=color, triangles=triangles)
+def _shown(meshes: Sequence[DrawnMesh]) -> list[DrawnMesh]:
+    """Return the meshes without what is hidden."""
+    return [mesh.seen for mesh in meshes if mesh.visible is None or mesh.visible.any()]
 
 
 def finite_values(trajectory: Trajectory, k: int, name: str) -> NDArray:
@@ -112,7 +132,7 @@ def _by_pyvista(path: Path, meshes: Sequence[DrawnMesh]) -> None:
     whole.active_texture_coordinates = _joined([mesh.uv for mesh in meshes], 2).astype(np.float32)
     paint: dict[str, Any] = {}
     if path.suffix == ".ply" and meshes:
-        paint["texture"] = (255 * _joined([_colors(mesh) for mesh in meshes], 3) + 0.5).astype(np.uint8)
+        paint["texture"] = (255 * _joined([mesh.vertex_colors for mesh in meshes], 3) + 0.5).astype(np.uint8)
     # VTK does not report a full disk, so room for long lines of text is reserved first.
     with path.open("wb") as file:
         reserve(file.fileno(), 0, 200 * (whole.n_points + whole.n_cells), path.parent)
@@ -121,65 +141,6 @@ def _by_pyvista(path: Path, meshes: Sequence[DrawnMesh]) -> None:
 
 def _joined(arrays: list[NDArray], width: int) -> NDArray:
     return np.concatenate([np.zeros((0, width)), *arrays])
-
-
-def _colors(mesh: DrawnMesh) -> NDArray:
-    """Return the colors of a mesh at its vertices, of a texture too, in 0 … 1, shape [vertex_count, 3]."""
-    if (image := mesh.texture) is None:
-        return mesh.color
-    size = np.array(image.shape[1::-1])
-    column, row = np.clip(size * ([0.0, 1.0] + [1, -1] * mesh.uv), 0, size - 1).astype(int).T
-    return image[row, column] / 255
-
-
-def _gltf(path: Path, meshes: Sequence[DrawnMesh]) -> None:
-    """Write meshes, each with a material: a texture, or colors at the vertices."""
-    buffers, views, accessors, primitives, materials, images = (list[Any]() for _ in range(6))
-
-    def stored(values: NDArray, kind: str, **more: Any) -> int:
-        """Add an array; return the number of its accessor."""
-        number, whole = len(buffers), kind == "SCALAR"
-        data = values.astype("<u4" if whole else "<f4").tobytes()
-        buffers.append({"uri": _data_uri("application/octet-stream", data), "byteLength": len(data)})
-        views.append({"buffer": number, "byteLength": len(data), "target": 34963 if whole else 34962})
-        accessor = {"bufferView": number, "componentType": 5125 if whole else 5126, "type": kind}
-        accessors.append({**accessor, "count": len(values), **more})
-        return number
-
-    for k, mesh in enumerate(meshes):
-        low, high = mesh.points.min(axis=0).tolist(), mesh.points.max(axis=0).tolist()
-        attributes = {"POSITION": stored(mesh.points, "VEC3", min=low, max=high)}
-        indices = stored(mesh.triangles.ravel(), "SCALAR")
-        paint: dict[str, Any] = {"metallicFactor": mesh.metallic, "roughnessFactor": mesh.roughness}
-        paint["baseColorFactor"] = [1.0, 1.0, 1.0, mesh.opacity]
-        if mesh.texture is None:
-            attributes["COLOR_0"] = stored(linear(mesh.color), "VEC3")
-        else:
-            attributes["TEXCOORD_0"] = stored(np.array([0.0, 1.0]) + [1, -1] * mesh.uv, "VEC2")  # from the top
-            paint["baseColorTexture"] = {"index": len(images)}
-            Image.fromarray(np.ascontiguousarray(mesh.texture)).save(png := io.BytesIO(), "png")
-            images.append({"uri": _data_uri("image/png", png.getvalue())})
-        blend = "OPAQUE" if mesh.opacity == 1 else "BLEND"
-        shade = {"name": mesh.name, "pbrMetallicRoughness": paint, "alphaMode": blend, "doubleSided": True}
-        materials.append(shade)
-        primitives.append({"attributes": attributes, "indices": indices, "material": k})
-    document = {
-        "nodes": [{"mesh": 0, "rotation": [-(0.5**0.5), 0, 0, 0.5**0.5]}],  # a quarter turn: in glTF y is up
-        "meshes": [{"primitives": primitives}],
-        "materials": materials,
-        "textures": [{"source": k} for k in range(len(images))],
-        "images": images,
-        "buffers": buffers,
-        "bufferViews": views,
-        "accessors": accessors,
-    }
-    document = {name: values for name, values in document.items() if values and meshes}  # none may be empty
-    scene = {"scene": 0, "scenes": [{"nodes": [0]} if meshes else {}]}
-    path.write_text(json.dumps({"asset": {"version": "2.0", "generator": "msdwarp"}, **scene, **document}))
-
-
-def _data_uri(kind: str, data: bytes) -> str:
-    return f"data:{kind};base64," + base64.b64encode(data).decode()
 
 
 def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
@@ -202,7 +163,7 @@ def _npz(trajectory: Trajectory, numbers: list[int], path: Path) -> None:
                     file.write(np.ascontiguousarray(finite_values(trajectory, k, name)).tobytes())
 
 
-_MESHES = {"obj": _by_pyvista, "stl": _by_pyvista, "ply": _by_pyvista, "gltf": _gltf}
-"""Formats with one file per frame, by name."""
-_WHOLE = ("usd", "npz")
+_MESHES = ("obj", "stl", "ply")
+"""Formats with one file per frame."""
+_WHOLE = ("glb", "usd", "npz")
 """Formats with one file for all frames."""

@@ -1,15 +1,18 @@
-"""USD: meshes that move, materials, a camera and lights, for Blender and other programs."""
+"""USD: meshes and ropes that move, materials, a camera and lights, for Blender and other programs."""
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 # USD is optional, and its modules are compiled and have no types.
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+
+from .drawn import DrawnFrame, DrawnMesh, free_name, linear
 
 HORIZONTAL_APERTURE = 36.0
 """Width of the camera's film [mm], as in a photo camera."""
@@ -21,59 +24,33 @@ SUN_ANGLE = 5.7
 """Angular width of the key light [degrees], as in pictures (`pictures.light.SOFTNESS`)."""
 
 
-class DrawnMesh(NamedTuple):
-    """A mesh in a frame, as pictures show it. Its `points`, `normals`, `color` and `visible` may change."""
-
-    name: str
-    points: NDArray
-    """Vertices [m], shape [vertex_count, 3]."""
-    normals: NDArray | None
-    """Unit normals at the vertices; None for the normals of triangles."""
-    triangles: NDArray[np.int32]
-    """Vertices of each triangle, shape [triangle_count, 3]."""
-    uv: NDArray
-    """Texture coordinates of the vertices, shape [vertex_count, 2]."""
-    color: NDArray
-    """sRGB in 0 … 1, shape [3] or, if it may change, [vertex_count, 3]."""
-    texture: NDArray[np.uint8] | None = None
-    gloss: float = 0.0
-    roughness: float = 0.9
-    """Parameter of UsdPreviewSurface, like the next two, 0 … 1."""
-    metallic: float = 0.0
-    opacity: float = 1.0
-    moves: bool = False
-    visible: NDArray[np.bool_] | None = None
-    """Whether each triangle is visible, shape [triangle_count]; None if all are in all frames."""
-
-
-DrawnFrame = tuple[list[DrawnMesh], NDArray]
-"""The meshes, and the camera. Its rows: right, up and back, and its position [m]; shape [4, 3]."""
-
-
 def write_usd(
     path: Path,
     fps: float,
     numbers: Sequence[int],
     frames: Iterable[DrawnFrame],
     *,
+    up: str,
+    scale: float,
     textures: Path,
     view_angle: float,
     aspect: float,
     sun: NDArray,
     background: NDArray,
 ) -> None:
-    """Write a scene with frames to a USD file, in metres, z up; time codes are frame indices.
+    """Write a scene with frames to a USD file; time codes are frame indices.
 
-    Images go into the folder `textures` beside the file. `view_angle` is the vertical angle of view [degrees],
-    `aspect` the picture's width over its height. `sun` is a unit vector towards the key light. `background` is
-    the sky's sRGB color, in 0 … 1.
+    The axis `up` points up, and a metre is `scale` units. Ropes are curves. Velocities of bodies are stored for
+    motion blur. Images go into the folder `textures` beside the file. `view_angle` is the vertical angle of view
+    [degrees], `aspect` the picture's width over its height, `sun` a unit vector towards the key light, and
+    `background` the sky's sRGB color, in 0 … 1.
     """
-    from pxr import Gf, Usd, UsdGeom, UsdLux, Vt
+    from pxr import Gf, Usd, UsdGeom, UsdLux
 
     path.unlink(missing_ok=True)
     stage = Usd.Stage.CreateNew(str(path))
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, getattr(UsdGeom.Tokens, up))
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0 / scale)
     stage.SetTimeCodesPerSecond(fps)
     stage.SetFramesPerSecond(fps)
     stage.SetStartTimeCode(min(numbers))
@@ -99,55 +76,91 @@ def write_usd(
     for k, (meshes, view) in zip(numbers, frames, strict=True):
         first = not shapes
         shapes = shapes or [_defined(stage, mesh, _free_name(mesh.name, names), textures) for mesh in meshes]
-        for mesh, (shape, colors) in zip(meshes, shapes, strict=True):
+        for mesh, shape in zip(meshes, shapes, strict=True):
             depth = (view[3] - mesh.points) @ view[2]
             depths += [depth.min(), depth.max()]
-            if not (first or mesh.moves):
-                continue
-            time = k if mesh.moves else Usd.TimeCode.Default()
-            shape.CreatePointsAttr().Set(_vectors(Vt, mesh.points), time)
-            corners = np.array([mesh.points.min(axis=0), mesh.points.max(axis=0)])
-            shape.CreateExtentAttr().Set(_vectors(Vt, corners), time)
-            if mesh.normals is not None:
-                shape.CreateNormalsAttr().Set(_vectors(Vt, mesh.normals), time)
-            if mesh.color.ndim > 1:
-                colors.Set(_vectors(Vt, linear(mesh.color)), time)
-            if mesh.visible is not None:
-                faces = np.ascontiguousarray(mesh.triangles[mesh.visible].ravel())
-                shape.GetFaceVertexCountsAttr().Set(Vt.IntArray([3] * (len(faces) // 3)), time)
-                shape.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(faces), time)
+            if first or mesh.moves:
+                _set_frame(shape, mesh, k if mesh.moves else Usd.TimeCode.Default(), first)
         placed.Set(Gf.Matrix4d(*np.column_stack([view, [0, 0, 0, 1]]).ravel().tolist()), k)
     far = 1.1 * max(depths)
     camera.CreateClippingRangeAttr(Gf.Vec2f(max(0.9 * min(depths), NEAREST * far), far))
     stage.Save()
 
 
-def _defined(stage: Any, mesh: DrawnMesh, name: str, textures: Path) -> tuple[Any, Any]:
-    """Return a new mesh of a stage, with its material, and its colors."""
+def _defined(stage: Any, mesh: DrawnMesh, name: str, textures: Path) -> Any:
+    """Return a new mesh or, of a rope, new curves of a stage, with material and color."""
     from pxr import Sdf, UsdGeom, Vt
 
-    shape = UsdGeom.Mesh.Define(stage, f"/scene/{name}")
-    shape.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(mesh.triangles)))
-    shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(mesh.triangles.ravel())))
-    shape.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    shape.CreateDoubleSidedAttr(True)
-    shape.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    constant = mesh.color.ndim == 1
-    colors = shape.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant if constant else UsdGeom.Tokens.vertex)
+    at, tokens = f"/scene/{name}", UsdGeom.Tokens
+    if mesh.radius:
+        shape = UsdGeom.BasisCurves.Define(stage, at)
+        shape.CreateTypeAttr(tokens.linear)
+        shape.CreateWidthsAttr(Vt.FloatArray([2 * mesh.radius]))
+        shape.SetWidthsInterpolation(tokens.constant)
+    else:
+        shape = UsdGeom.Mesh.Define(stage, at)
+        shape.CreateSubdivisionSchemeAttr(tokens.none)
+        shape.CreateDoubleSidedAttr(True)
+        shape.SetNormalsInterpolation(tokens.vertex)
+    colors = shape.CreateDisplayColorPrimvar(tokens.constant if mesh.color.ndim == 1 else tokens.vertex)
     colors.Set(_vectors(Vt, linear(np.atleast_2d(mesh.color))))
     if mesh.texture is not None:
         textures.mkdir(exist_ok=True)
         Image.fromarray(np.ascontiguousarray(mesh.texture)).save(textures / f"{name}.png")
-        kind = Sdf.ValueTypeNames.TexCoord2fArray
-        st = UsdGeom.PrimvarsAPI(shape).CreatePrimvar("st", kind, UsdGeom.Tokens.vertex)
+    if not mesh.radius:
+        st = UsdGeom.PrimvarsAPI(shape).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, tokens.vertex)
         st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(mesh.uv, dtype=np.float32)))
     _bind_material(stage, shape, name, mesh, f"./{textures.name}/{name}.png")
-    return shape, colors
+    return shape
 
 
-def linear(color: NDArray) -> NDArray:
-    """Return linear colors, as in USD and glTF, given sRGB colors, both in 0 … 1 (IEC 61966-2-1)."""
-    return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
+def _set_frame(shape: Any, mesh: DrawnMesh, time: Any, first: bool) -> None:
+    """Set what a mesh or a rope has in a frame; what no frame changes, in the first alone."""
+    from pxr import Usd, Vt
+
+    points, velocities, low, high = mesh.points, mesh.velocities, mesh.points.min(axis=0), mesh.points.max(axis=0)
+    shown, parts = mesh.triangles, Usd.TimeCode.Default()
+    if mesh.visible is not None:
+        shown, parts = mesh.triangles[mesh.visible], time
+    if mesh.radius:
+        lines = polylines(shown)
+        order = np.concatenate([np.zeros(0, int), *lines])
+        points, low, high = points[order], low - mesh.radius, high + mesh.radius
+        velocities = None if velocities is None else velocities[order]
+        if first or mesh.visible is not None:
+            shape.CreateCurveVertexCountsAttr().Set(Vt.IntArray([len(line) for line in lines]), parts)
+    elif first or mesh.visible is not None:
+        shape.CreateFaceVertexCountsAttr().Set(Vt.IntArray([3] * len(shown)), parts)
+        shape.CreateFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(np.ascontiguousarray(shown.ravel())), parts)
+    shape.CreatePointsAttr().Set(_vectors(Vt, points), time)
+    shape.CreateExtentAttr().Set(_vectors(Vt, np.array([low, high])), time)
+    if velocities is not None:
+        shape.CreateVelocitiesAttr().Set(_vectors(Vt, velocities), time)
+    if mesh.normals is not None:
+        shape.CreateNormalsAttr().Set(_vectors(Vt, mesh.normals), time)
+    if mesh.color.ndim > 1:
+        shape.GetDisplayColorAttr().Set(_vectors(Vt, linear(mesh.color)), time)
+
+
+def polylines(springs: NDArray[np.int32]) -> list[NDArray[np.intp]]:
+    """Return springs, shape [any, 2], joined to lines of points, each from an end or a fork to the next."""
+    beside: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    for k, (one, other) in enumerate(springs.tolist()):
+        beside[one].append((other, k))
+        beside[other].append((one, k))
+    lines, used = [], [False] * len(springs)
+    ends = [point for point, around in beside.items() if len(around) != 2]
+    for start in (*ends, *beside):  # what is left after the ends are loops
+        for at, k in beside[start]:
+            if used[k]:
+                continue
+            used[k], line = True, [start, at]
+            while len(beside[at]) == 2 and (further := [one for one in beside[at] if not used[one[1]]]):
+                at, k = further[0]
+                used[k] = True
+                line.append(at)
+            lines.append(np.array(line))
+    return lines
 
 
 def _vectors(Vt: Any, values: NDArray) -> Any:
@@ -158,12 +171,7 @@ def _free_name(wanted: str, taken: set[str]) -> str:
     """Return a name allowed by USD that is not taken yet, and add it to `taken`."""
     from pxr import Tf
 
-    base = name = Tf.MakeValidIdentifier(wanted)
-    k = 1
-    while name in taken | {"camera", "sun", "sky"}:
-        k += 1
-        name = f"{base}_{k}"
-    taken.add(name)
+    taken.add(name := free_name(Tf.MakeValidIdentifier(wanted), taken | {"camera", "sun", "sky", "materials"}))
     return name
 
 

@@ -76,8 +76,8 @@ class StepChoice:
         Kick-drift methods conserve C = v² + ω²x² − h ω² x v. So the physical energy v² + ω²x² varies between
         C/(1 + r) and C/(1 − r), with the ratio r = hω/2 of step to limit. For r ≥ 1 nothing is conserved: 1.
         """
-        share = self.step / self.limit if self.limit > 0 else 1.0
-        return (1 + share) / (1 - share) if share < 1 else 1.0
+        ratio = self.step / self.limit if self.limit > 0 else 1.0
+        return (1 + ratio) / (1 - ratio) if ratio < 1 else 1.0
 
     def __str__(self) -> str:
         """Describe the choice in a line."""

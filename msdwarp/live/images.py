@@ -19,7 +19,7 @@ IN_MOTION = 1 / 15
 """Longest time to draw an image while the scene moves [s]; if it is exceeded, rows are reduced."""
 AT_REST, PATIENCE = 1.5, 0.3
 """Longest time to draw an image of a scene at rest [s]; time without motion until a scene is at rest [s]."""
-SHARE = 1 / 3
+BUSY = 1 / 3
 """Largest fraction of time for drawing on the CPU, which the simulation also needs."""
 
 
@@ -115,7 +115,7 @@ class Images:
         if moves:  # the time is proportional to the number of pixels
             self._seconds_a_row = took / wanted**2
         if self._on_cpu:
-            self._free_at = time.perf_counter() + took * (1 / SHARE - 1)
+            self._free_at = time.perf_counter() + took * (1 / BUSY - 1)
         return True
 
     def _rows(self, most: float, seconds: float) -> int:

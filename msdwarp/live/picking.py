@@ -49,14 +49,14 @@ class Picking(NamedTuple):
             spacing = float(np.ptp(position, axis=0).max())
         near = np.flatnonzero(mine & (distance <= max(SPREAD * spacing, 1.01 * distance[nearest])))
         near = near[np.argsort(distance[near], kind="stable")][:MOST_HELD]
-        shares = np.exp(-2.0 * (distance[near] / max(distance[near].max(), 1e-30)) ** 2)
-        shares /= shares.sum()
-        stiffness = mass * FREQUENCY**2 * shares
+        weights = np.exp(-2.0 * (distance[near] / max(distance[near].max(), 1e-30)) ** 2)
+        weights /= weights.sum()
+        stiffness = mass * FREQUENCY**2 * weights
         springs = np.bincount(system.connections.reshape(-1), np.repeat(system.stiffness, 2), len(position))
         stiffness = np.minimum(
             stiffness, np.maximum(MOST_OF_SPRINGS * springs[near], system.mass[near] * FREQUENCY**2)
         )
-        damping = 2.0 * np.sqrt(mass * stiffness.sum()) * shares
+        damping = 2.0 * np.sqrt(mass * stiffness.sum()) * weights
         most = 2.0 * stiffness / FREQUENCY  # damping of springs at FREQUENCY, so that the step stays the same
         offset = position[near].astype(np.float64) - _in_plane(point, system.dim)
         reach = MOST_WEIGHTS * mass * max(gravity, 1.0) / float(stiffness.sum())

@@ -15,7 +15,7 @@ from .sources import Source
 COLORS = ("look", "speed", "strain")
 ENERGIES = {"kinetic": "#e4633f", "elastic": "#2f6f9f", "potential": "#5a9e6f", "sum": "#333a40"}
 """Colors of energy curves, as in `studies.plots`."""
-LEAST_SHARE = 0.05
+LEAST_FULL = 0.05
 """Least end of a color scale, as a fraction of the largest value so far."""
 LABELS = {"speed": "speed [m/s]", "strain": "mean strain of a particle's connections"}
 
@@ -61,7 +61,7 @@ class Shown:
         self._largest = max(self._largest, largest)
         if largest > scale.full or largest < 0.2 * scale.full:
             # A scale relative to the largest value so far does not show noise of a body at rest.
-            full = max(1.25 * largest, LEAST_SHARE * self._largest)
+            full = max(1.25 * largest, LEAST_FULL * self._largest)
             self.drawing.scale = scale._replace(full=full or 1.0)
         self.drawing.follow(frame.position, frame.time, values)
 

@@ -39,8 +39,8 @@ def ground_actor(pv: Any, ground: Ground) -> Any:
 class Actors:
     """The triangles of a drawing and their shadows, added to a PyVista plotter and updated in place.
 
-    `painted` is the actor of the ground, if there is one. Then `on_ground` is the actor of the piece of ground
-    that shows the shadows; the caller adds it. `camera` is that of the lights.
+    `painted` is the actor of the ground, None without a ground. `on_ground` is the actor of the region of the
+    ground on which shadows fall; the caller adds it to the plotter. `camera` is that of the lights.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Actors:
             self._actors.append(actor)
 
     def _add_on_ground(self, ground: Ground, texture: Any) -> Any:
-        """Return the piece of ground that shows shadows."""
+        """Return the actor of the region of the ground on which shadows fall."""
         # Triangles, since VTK triangulates a polygon only once, perhaps before it has a shape.
         fan = np.array([[0, k, k + 1] for k in range(1, AROUND - 1)])
         normals = np.tile(ground.normal, (AROUND, 1)).astype(np.float32)

@@ -14,13 +14,13 @@ MOST_ARROWS = 1500
 LONGEST = 0.16
 """Length of the longest arrow over the height of the picture, at the camera's target."""
 FAINTEST = 0.02
-"""Forces below this share of the full force are not drawn."""
+"""Forces below this fraction of the full force are not drawn."""
 COLOR = (0.0, 0.62, 0.66)
 """Color of arrows, which occurs on neither color scale."""
 
 
 class Arrows:
-    """Arrows at particles along the forces on them, proportional to the force up to the `full` one [N]."""
+    """Arrows at particles along the forces on them; their lengths grow with the force up to `full` [N]."""
 
     def __init__(self, full: float, particle_count: int, stage: Stage, device: str = "cpu") -> None:
         self.full = checks.positive("arrows", full)

@@ -10,19 +10,21 @@ from numpy.typing import NDArray
 from warp.utils import array_cast
 
 from .. import checks
-from ..bodies import AXES, System, in_space
+from ..bodies import AXES, Surface, System, in_space
 from ..kernels.pictures import drawing
 from ..runtime import ReleasedInTurn, in_turn
 from ..shapes import Section
 from ..world import FINISHES, Look, Scene
 from .collider_meshes import meshes, walls
 from .dressing import (
+    OBSTACLES,
     inside_color,
     inside_of,
     look_of_particles,
     look_of_triangles,
     outermost_connections,
     part_of,
+    particles_of,
     torn,
     uncovered,
 )
@@ -67,18 +69,29 @@ class ColorScale(NamedTuple):
 class Drawing(ReleasedInTurn):
     """Triangles that follow the particles and the colliders, on the CPU or another device.
 
-    These are the system's surface, and a tube along each spring of bodies without surface, or between bodies.
-    If `coloring` is "strain", or there is neither a surface nor a look of a group, there is a tube along each
-    spring and, in small systems, a ball at each particle. Solid colliders come last. Springs are not drawn
-    once they are broken by the system's `broken_at`. `points`, `normals` and `colors` are float32 of shape
-    [vertex_count, 3], `gloss`, `closed`, `takes_shadows`, `finish` (a number of `FINISHES`) and `glass` (whether
-    one sees through it) of [triangle_count]. `body` are the parts that follow the particles, `obstacles` those of
-    the colliders. `scale` is the scale of the colors, `stops` the colors along it: of values of the particles or
-    of the strain of springs; None if colors show no quantity.
+    Drawn are the system's surface, and tubes along springs between bodies or of bodies without surface. If colors
+    show strain, or there is neither a surface nor a look of a group, tubes along all springs are drawn instead,
+    and in small systems balls at particles. Solid colliders come last. A spring disappears when it breaks
+    (`System.broken_at`). If `bodies` names groups, only these are drawn, and no obstacles unless it names
+    "obstacles".
+
+    Attributes
+    ----------
+    points, normals, colors
+        Of the vertices, Warp arrays of vec3, shape [vertex_count].
+    gloss, closed, takes_shadows, finish, glass
+        Of the triangles, shape [triangle_count]: the strength of highlights, whether back faces are hidden,
+        whether shadows fall on it, its number in `FINISHES`, and whether one sees through it.
+    body, obstacles
+        The parts that follow the particles, and those of the colliders.
+    scale, stops
+        The `ColorScale`, None if colors show no quantity; and the colors evenly along a scale.
     """
 
     @in_turn
-    def __init__(self, scene: Scene, coloring: str | ColorScale, device: str = "cpu") -> None:
+    def __init__(
+        self, scene: Scene, coloring: str | ColorScale, device: str = "cpu", bodies: Sequence[str] = ()
+    ) -> None:
         system, look = scene.system, scene.look
         self.by_value = isinstance(coloring, ColorScale)
         bare = system.surface is None
@@ -97,17 +110,21 @@ class Drawing(ReleasedInTurn):
                 self.scale = ColorScale("strain (below 0: shorter than at rest)", self._full_strain, True)
         self.colors_move = self.scale is not None
         self.device = device
-        self.body = self._body_of(scene)
+        self.body = self._body_of(scene, particles_of(system, bodies))
         finish = self._finish(checks.color("obstacle", look.obstacle), look.obstacle_texture, look.obstacle_gloss)
         backs = [axes_of(view)[2] for view in look.views]
         right = axes_of(look.views[0])[0]
         solids = [*meshes(scene), *walls(scene, [*backs, towards(KEY_FROM, right, -backs[0])])]
+        solids = solids if not bodies or OBSTACLES in bodies else []
         self.obstacles = [Obstacle(one, mesh, system.dim, finish, device) for one, mesh in solids]
         for part in self.obstacles:
             part.name = "obstacle"
         parts = [*self.body, *self.obstacles]
-        if look.cut is not None and not self.body:
-            raise ValueError(f"look.cut is {look.cut}, which leaves nothing to draw; it must leave something")
+        if look.cut is not None and not self.body and OBSTACLES not in bodies:
+            of = f" of {', '.join(bodies)}" if bodies else ""
+            raise ValueError(f"look.cut is {look.cut}, which leaves nothing{of} to draw; it must leave something")
+        if not parts:
+            raise ValueError(f"body is {', '.join(bodies)}; nothing of it can be drawn")
         self.radius = max(part.radius for part in parts)
         """Reach of what is drawn around the particles [m]; triangles are drawn down to it below the ground."""
 
@@ -134,36 +151,44 @@ class Drawing(ReleasedInTurn):
         self.colors.assign(paint)
 
         self._x = wp.zeros(system.particle_count, dtype=wp.vec3, device=device)
-        self._shares = wp.zeros(system.particle_count, dtype=float, device=device)
+        self._fractions = wp.zeros(system.particle_count, dtype=float, device=device)
         self.visible = slice(0, ends[-1])
         """The vertices that are drawn: without the body, those of obstacles."""
         self._moving = [one for one in self.obstacles if one.moves]
         for one in self.obstacles:
             one.follow(self._x, 0.0)
 
-    def _body_of(self, scene: Scene) -> list[Part]:
-        """Return the parts that move with the particles, such as surfaces and springs, grouped by `Look`."""
+    def _body_of(self, scene: Scene, chosen: NDArray[np.bool_]) -> list[Part]:
+        """Return the parts that move with chosen particles, such as surfaces and springs, grouped by `Look`."""
         system, of_particle = scene.system, look_of_particles(scene)
         section, plane = None, scene.look.cut
         if plane is not None:
             section = Section(system, plane.unit_normal(system.dim), plane.offset)
         surface = None if self.shows_strain else system.surface
-        of_triangle = np.zeros(0, int) if surface is None else look_of_triangles(scene, surface)
+
+        def looks_of(triangles: Surface | None) -> NDArray:
+            """Return the number of each triangle's look, -1 if it is not drawn, shape [triangle_count]."""
+            if triangles is None:
+                return np.zeros(0, int)
+            return np.where(triangles.triangles_in(chosen), look_of_triangles(scene, triangles), -1)
+
+        of_triangle = looks_of(surface)
         obstacles = kept_off(scene)
         of_sheet = (
             triangles_of_sheets(system) if len(of_triangle) and obstacles else np.zeros(len(of_triangle), bool)
         )
         drawn = np.ones(system.connection_count, dtype=bool) if surface is None else uncovered(system)
-        if (between := system.between_neighbours) is not None:  # springs to second neighbours lie along two others
+        if (between := system.between_neighbors) is not None:  # springs to second neighbours lie along two others
             drawn = drawn & between
-        kept = np.ones(len(drawn), dtype=bool) if section is None else section.kept
+        remain = chosen if section is None else chosen & section.below
+        kept = np.asarray(remain[system.connections].all(axis=1))
         drawn = drawn & kept
         if self.shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
             drawn = drawn & outermost_connections(system, kept)
         shown = np.flatnonzero(drawn)
         of_connection = of_particle[system.connections[shown]].max(axis=1)
         tears = None if surface is None else torn(system)
-        of_bare = np.zeros(0) if tears is None else look_of_triangles(scene, inside_of(tears.triangles))
+        of_bare = looks_of(None if tears is None else inside_of(tears.triangles))
         parted_at, inside, until = None if tears is None else tears.parted_at, None, None
         if surface is not None and section is not None:
             clipped = section.clip(surface)
@@ -171,7 +196,7 @@ class Drawing(ReleasedInTurn):
             of_triangle, of_sheet = of_triangle[source], of_sheet[source]
             parted_at = None if parted_at is None else parted_at[source]
             inside, until = section.inside(clipped)
-        of_inside = np.zeros(0) if inside is None else look_of_triangles(scene, inside)
+        of_inside = looks_of(inside)
         body: list[Part] = []
         for k, (name, look) in enumerate((("body", scene.look), *scene.looks.items())):
             before = len(body)
@@ -196,7 +221,7 @@ class Drawing(ReleasedInTurn):
                 last = None if until is None else until[mine]
                 body.append(SurfacePart(part_of(inside, mine), crumb, True, self.device, last))
             own = shown[of_connection == k]
-            particles = np.flatnonzero(of_particle == k if section is None else (of_particle == k) & section.below)
+            particles = np.flatnonzero((of_particle == k) & remain)
             if self._plain_tubes and len(own) + len(particles):
                 body += self._tubes_and_balls(system, look, own, particles)
             elif len(own):
@@ -206,7 +231,10 @@ class Drawing(ReleasedInTurn):
         return body
 
     def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:
-        """Return springs as thin tubes, with dark balls at particles of small systems; else ropes are round."""
+        """Return springs as thin tubes, with dark balls at the particles of small systems.
+
+        Without these balls ropes are round tubes, with balls in their color where tubes meet.
+        """
         unit, white = self._unit(system, look, shown), Finish(np.ones(3))
         few = system.particle_count <= MOST_BALLS
         dotted = look.particles or (look.particles is None and few)
@@ -235,7 +263,9 @@ class Drawing(ReleasedInTurn):
         joints = np.unique(system.connections[shown])
         halvings = 1 if len(joints) <= MOST_JOINTS or look.particles else 0
         balls = Balls(joints, (BALL if look.particles else TUBE) * unit, finish, self.device, halvings)
-        return [self._tubes(system, unit, shown, finish, ROUND), balls]
+        tubes = self._tubes(system, unit, shown, finish, ROUND)
+        tubes.of_rope, balls.of_rope = True, not look.particles
+        return [tubes, balls]
 
     def _unit(self, system: System, look: Look, shown: NDArray) -> float:
         """Return the length unit of TUBE and BALL for some springs [m]."""
@@ -289,12 +319,12 @@ class Drawing(ReleasedInTurn):
         else:
             self._x.assign(in_space(position))
         if self.scale is not None and values is not None:
-            self._shares.assign((values / self.scale.full).astype(np.float32))
+            self._fractions.assign((values / self.scale.full).astype(np.float32))
         for one in (*self.body, *self._moving):
             one.follow(self._x, time)
         for one in self.body:
             if self.by_value:
-                one.show_value(self._shares, self._stops)
+                one.show_value(self._fractions, self._stops)
             elif self.shows_strain:
                 one.show_strain(self._x, self._full_strain, self._stops)
 

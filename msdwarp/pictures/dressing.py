@@ -4,12 +4,17 @@ Looks are numbered: 0 is the scene's, followed by those of groups in order. If s
 A triangle is in a group if all its corners are, as for loads.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
 from ..bodies import Bare, Edges, Surface, System, laid_bare, mask_of, pieces
 from ..world import Look, Scene
+
+OBSTACLES = "obstacles"
+"""Name that stands for all obstacles where bodies are chosen by name."""
 
 
 def look_of_particles(scene: Scene) -> NDArray[np.int32]:
@@ -26,6 +31,19 @@ def look_of_triangles(scene: Scene, surface: Surface) -> NDArray[np.int32]:
     for k, name in enumerate(scene.looks, start=1):
         look[surface.triangles_in(mask_of(scene.system.groups[name], count))] = k
     return look
+
+
+def particles_of(system: System, bodies: Sequence[str]) -> NDArray[np.bool_]:
+    """Return a mask of the particles in any of these groups, shape [particle_count]; of all, if none is named.
+
+    Raise ValueError unless each name is that of a group, or OBSTACLES.
+    """
+    if not bodies:
+        return np.ones(system.particle_count, dtype=bool)
+    for name in bodies:
+        checks.one_of("body", name, (*system.groups, OBSTACLES))
+    chosen = [system.groups[name] for name in bodies if name in system.groups]
+    return mask_of(np.concatenate([np.zeros(0, int), *chosen]), system.particle_count)
 
 
 def part_of(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
@@ -72,10 +90,10 @@ def inside_color(look: Look) -> NDArray[np.float64]:
 
 
 def uncovered(system: System) -> NDArray[np.bool_]:
-    """Return a mask of springs outside bodies with surfaces, shape [connection_count]: ropes, ties between bodies.
+    """Return a mask of springs that no surface covers, shape [connection_count]: ropes, and ties between bodies.
 
-    The springs of an entry of `System.directions` form a body. Particles in no entry form bodies by the springs
-    between them. A spring from a rope to a ball, which is in no entry, belongs to neither body.
+    The springs of each entry of `System.directions` form a body, and so do those that join particles of no entry.
+    A spring in no entry that joins two bodies, such as from a rope to a ball, belongs to neither.
     """
     connections, count, surface = system.connections, len(system.directions), system.surface
     bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
@@ -106,9 +124,10 @@ def uncovered(system: System) -> NDArray[np.bool_]:
 def outermost_connections(system: System, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return a mask of the springs on the outside of bodies, where those that are not `kept` are cut off.
 
-    Both have the shape [connection_count]. The springs join particles of the surface, or where others are cut off,
-    or are of a body without surface; if the surface is embedded in a lattice or missing, they join particles with
-    fewer neighbours than others.
+    Both have the shape [connection_count]; the result is True for all springs if none is outside. If the vertices
+    of the surface are particles, the springs join particles of the surface, or ends of springs that are cut off,
+    or belong to bodies without surface. If the surface is missing, or embedded in a lattice, they join particles
+    with fewer springs that are kept than the most that a particle has.
     """
     connections, surface = system.connections, system.surface
     if surface is not None and surface.weights is None:

@@ -34,12 +34,14 @@ FILM_FORMATS = ("webp", "mp4", "gif", "none")
 Picture = NDArray[np.uint8]
 
 
-def check_formats(frames: str, video: str) -> None:
-    """Raise ValueError unless both formats are known, and mp4 can be written if it is requested."""
+def check_formats(frames: str, video: str, transparent: bool = False) -> None:
+    """Raise ValueError unless both formats are known, mp4 can be written if requested, and hold transparency."""
     checks.one_of("frames", frames, FRAME_FORMATS)
     checks.one_of("video", video, FILM_FORMATS)
     if video == "mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise ValueError("video 'mp4' needs the extra `video`: pip install 'msdwarp[video]'")
+    if transparent and video not in ("webp", "none"):
+        raise ValueError(f"video is {video!r}; with a transparent background it must be 'webp' or 'none'")
 
 
 def write_film(
@@ -53,8 +55,8 @@ def write_film(
 ) -> Path | None:
     """Write pictures as they come, `frame_0000.png` and so on, and a film; return its path, if any.
 
-    Pictures are uint8 of shape [height, width, 3], all of one size; only a few are kept in memory. The film gets
-    its name once it is complete. Formats: FRAME_FORMATS and FILM_FORMATS.
+    Pictures are uint8 of shape [height, width, 3] or, with opacity, [height, width, 4], all of one size; only a
+    few are kept in memory. The film gets its name once it is complete. Formats: FRAME_FORMATS and FILM_FORMATS.
     """
     check_formats(frames, video)
 
@@ -91,21 +93,23 @@ def _side_by_side(
 
 
 def png(image: Picture) -> bytes:
-    """Return a picture, uint8 of shape [height, width, 3], as a PNG file (ISO/IEC 15948).
+    """Return a picture, uint8 of shape [height, width, 3 or 4], as a PNG file (ISO/IEC 15948).
 
     Every row is stored as its differences from the one above. Intel's ISA-L compresses them in a quarter of zlib's
     time, into files of about the same size. Pillow, which tries five filters for each row, takes ten times that.
     """
-    height, width, _ = image.shape
-    rows = np.ascontiguousarray(image).reshape(height, 3 * width)
-    filtered = np.full((height, 3 * width + 1), 2, dtype=np.uint8)  # each row begins with its filter: 2 is "up"
+    height, width, channels = image.shape
+    rows = np.ascontiguousarray(image).reshape(height, channels * width)
+    filtered = np.full(
+        (height, channels * width + 1), 2, dtype=np.uint8
+    )  # each row begins with its filter: 2 is "up"
     filtered[0, 1:] = rows[0]
     np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)  # 8 bits of red, green and blue each
+    header = struct.pack(">IIBBBBB", width, height, 8, {3: 2, 4: 6}[channels], 0, 0, 0)  # 8 bits each
     body = zlib.compress(filtered.data, level=1)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
 
@@ -134,10 +138,10 @@ def _changed_part(image: Picture, before: Picture | None) -> tuple[bytes, bytes]
 
     Pillow's own films compare whole pictures, in one thread, and take 1.7 times as long.
     """
-    top, left, (rows, columns, _) = 0, 0, image.shape
+    top, left, (rows, columns, channels) = 0, 0, image.shape
     if before is not None:
         differs = image.reshape(rows, -1) != before.reshape(rows, -1)
-        row, column = (np.flatnonzero(differs.any(axis=axis)) // n for axis, n in ((1, 1), (0, 3)))
+        row, column = (np.flatnonzero(differs.any(axis=axis)) // n for axis, n in ((1, 1), (0, channels)))
         ends = [
             (max(part[0] - SMEARED, 0) // 2 * 2, part[-1] + 1 + SMEARED) if len(part) else (0, 2)
             for part in (row, column)
@@ -148,7 +152,9 @@ def _changed_part(image: Picture, before: Picture | None) -> tuple[bytes, bytes]
     part = Image.fromarray(image[top : top + rows, left : left + columns])
     part.save(encoded, "WEBP", quality=75, method=2)  # the default method takes twice as long for 5 % fewer bytes
     place = (left // 2, top // 2, columns - 1, rows - 1)
-    return b"".join(_in_24_bits(n) for n in place), encoded.getvalue()[12:]
+    data = encoded.getvalue()[12:]
+    data = data[18:] if data.startswith(b"VP8X") else data  # a header of files with opacity, which films have once
+    return b"".join(_in_24_bits(n) for n in place), data
 
 
 def _write_webp(parts: Iterator[tuple[bytes, bytes]], path: Path, fps: float) -> None:
@@ -157,8 +163,10 @@ def _write_webp(parts: Iterator[tuple[bytes, bytes]], path: Path, fps: float) ->
     def chunk(kind: bytes, data: bytes) -> bytes:
         return kind + struct.pack("<I", len(data)) + data + bytes(len(data) % 2)
 
+    opacity = False
     with path.open("wb") as file:
         for k, (place, encoded) in enumerate(parts):
+            opacity = opacity or encoded.startswith(b"ALPH")
             if k == 0:  # it is the whole picture, whose size is that of the film
                 file.write(b"RIFF    WEBP" + chunk(b"VP8X", b"\2\0\0\0" + place[6:]) + chunk(b"ANIM", bytes(6)))
             milliseconds = round(1000 * (k + 1) / fps) - round(1000 * k / fps)
@@ -166,6 +174,8 @@ def _write_webp(parts: Iterator[tuple[bytes, bytes]], path: Path, fps: float) ->
         size = file.tell() - 8
         file.seek(4)
         file.write(struct.pack("<I", size))
+        file.seek(20)
+        file.write(b"\x12" if opacity else b"\2")  # what the file has: an animation, and opacity
 
 
 def _in_24_bits(number: int) -> bytes:

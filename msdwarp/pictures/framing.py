@@ -19,9 +19,9 @@ TRAVELS = 3.0
 built-in scenes `robot` reaches 5, all others at most 2.1."""
 AWAY = 1.2
 """Distance of a camera that follows, over the least one at which the bodies are in view in all frames."""
-EVEN_OUT, SHARE = 0.3, 0.05
+EVEN_OUT, FRACTION = 0.3, 0.05
 """Standard deviation of the times over which the path of such a camera is a mean [s], and the largest one as a
-share of the whole time. Two viewpoints lie within it."""
+fraction of the whole time. Two viewpoints lie within it."""
 
 
 def framed(
@@ -78,7 +78,7 @@ def following(look: Look, outermost: Sequence[NDArray], times: NDArray, aspect: 
     rests = np.ptp(middle, axis=0) <= size
     middle[:, rests] = (middle[:, rests].min(axis=0) + middle[:, rests].max(axis=0)) / 2
     passed, last = float(times[-1] - times[0]), len(times) - 1
-    wide = min(EVEN_OUT, SHARE * passed) / passed * last  # in frames
+    wide = min(EVEN_OUT, FRACTION * passed) / passed * last  # in frames
     step, reach = max(1, round(wide / 2)), int(3 * wide)
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / wide) ** 2)
     # One viewpoint before the first frame and one behind the last: the camera would be at rest there.

@@ -15,7 +15,7 @@ from .drawing import ColorScale
 LEGIBLE, LEAST = 9 / 19, 4 / 19
 """Scales, 1 in a picture of 720 rows, of legends in small pictures, and of the smallest, if there is no room."""
 MOST_ROOM = 0.3
-"""Largest share of the picture's height that the camera keeps free for legends."""
+"""Largest fraction of the picture's height that the camera keeps free for legends."""
 INK, VEIL = (60, 66, 72, 255), (255, 255, 255, 150)
 """Colors of letters and of the translucent background."""
 Stops = tuple[tuple[float, float, float], ...]
@@ -66,10 +66,10 @@ def bar(unit: float, scale: ColorScale, stops: Stops) -> Image.Image:
     legend.paste(Image.fromarray(np.ascontiguousarray(pixels)), (left, top))
     pen = ImageDraw.Draw(legend)
     pen.text((left + length / 2, size / 5), scale.label, INK, font, anchor="ma")
-    for share in (0, 0.5, 1) if length > 100 else (0, 1):  # a short bar has no space for three numbers
-        value = (2 * share - 1 if scale.signed else share) * scale.full
-        label = f"{value:+g}" if scale.signed and value else f"{value:g}" + (" or more" if share == 1 else "")
-        pen.text((left + share * length, top + thick + size / 4), label, INK, font, anchor="ma")
+    for fraction in (0, 0.5, 1) if length > 100 else (0, 1):  # a short bar has no space for three numbers
+        value = (2 * fraction - 1 if scale.signed else fraction) * scale.full
+        label = f"{value:+g}" if scale.signed and value else f"{value:g}" + (" or more" if fraction == 1 else "")
+        pen.text((left + fraction * length, top + thick + size / 4), label, INK, font, anchor="ma")
     return legend
 
 
@@ -93,6 +93,9 @@ def with_legends(image: NDArray[np.uint8], shown: Legends) -> NDArray[np.uint8]:
     picture = Image.fromarray(image)
     for legend in shown:
         if legend is not None:
-            at = 0 if legend is shown.left else picture.width - legend.width
-            picture.paste(legend, (at, 0), legend)
+            at = 0 if legend is shown.left else picture.width - legend.width, 0
+            if picture.mode == "RGBA":
+                picture.alpha_composite(legend, at)
+            else:
+                picture.paste(legend, at, legend)
     return np.asarray(picture)

@@ -10,7 +10,7 @@ Strengths are divided by the largest sum of any normal, so that at full light a 
 is 1, and so is d. The sum is above 1 only where a camera has left the place for which strengths were made.
 
 The unit vector z points up, l to the key light, h back along the camera's view, f to the fill light, p and q are l
-and h, mirrored at n, and e is the `shininess` of its roughness. The share s of the key light is visible from the
+and h, mirrored at n, and e is the `shininess` of its roughness. A fraction s of the key light is visible from the
 surface, 0 in full shadow; k = SHADED + (1 - SHADED) s of it arrives, since the surroundings scatter some. Near the
 ground a body hides the light from there: b = h / (h + a) at the height h, with CONTACT in a. The ground is unlit,
 and keeps SHADOW + (1 - SHADOW) s of its color.
@@ -20,7 +20,7 @@ their surroundings (`kernels/pictures/shading.py`) have, with i = 1 - n·v,
 
 - for cloth  c (d + t i²) + w,
 - for metal  c ((1 - m) d + m r + w),
-- for glass  o c d + f r + w, and (1 - o) (1 - f) (1 - w) of what is behind, where f is the share that it mirrors.
+- for glass  o c d + f r + w, and (1 - o) (1 - f) (1 - w) of what is behind, if it mirrors a fraction f.
 """
 
 from itertools import product
@@ -41,13 +41,13 @@ TONE = 0.7
 """By how much surfaces are brighter between darkness and full light than in proportion to the light."""
 CONTACT = 0.03
 """Height above the ground where half of the floor's light arrives, over the extent of all that the camera sees."""
-EVEN_AMBIENT, EVEN_SHARE = 0.66, 0.55
+EVEN_AMBIENT, EVEN_DIFFUSE = 0.66, 0.55
 """Strength of ambient light, and factor of the lights with a direction, where colors show values: ambient light
 is equal from above and below, so that colors look on all sides as in the legend."""
 SHADOW = 0.66
 """Brightness of the ground in full shadow, over its brightness in light."""
 SHADED = 0.12
-"""The share of the key light that still reaches a body or an obstacle in full shadow."""
+"""The fraction of the key light that still reaches a body or an obstacle in full shadow."""
 SOFTNESS = 0.05
 """Radius of the key light, a disc, over its distance: at a distance d behind an edge a shadow fades in over 2 d of
 this."""
@@ -73,8 +73,8 @@ def lights(key: NDArray, head: NDArray, fill: NDArray, *, even: bool = False) ->
 
     With `even` ambient light comes equally from above and below, as where colors show values.
     """
-    sky, bounce, share = (EVEN_AMBIENT, EVEN_AMBIENT, EVEN_SHARE) if even else (SKY, BOUNCE, 1.0)
-    strengths = share * np.array([KEY, HEAD, FILL])
+    sky, bounce, diffuse = (EVEN_AMBIENT, EVEN_AMBIENT, EVEN_DIFFUSE) if even else (SKY, BOUNCE, 1.0)
+    strengths = diffuse * np.array([KEY, HEAD, FILL])
     upwards = (sky - bounce) / 2 * np.array([0.0, 0.0, 1.0])
     # For the lights that a surface faces d is linear in its normal: it is largest along the sum of their vectors.
     each = strengths[:, None] * np.array([key, head, fill])

@@ -76,7 +76,7 @@ class OnScreen:
         self._listen()
 
     def _layers(self) -> tuple[Any, Any, Any]:
-        """Add the layers for the ground, the shadows on it, and for panels, below and above PyVista's own."""
+        """Add layers for the ground and the shadows on it, below that of the scene, and for panels above it."""
         window = self._plotter.render_window
         window.SetNumberOfLayers(PANELS + 1)
         self._plotter.renderer.SetLayer(SCENE)
@@ -229,7 +229,7 @@ class OnScreen:
 
 
 class Orbit:
-    """A camera that the mouse moves around its target; z stays up. Movements are over the window's height."""
+    """A camera that the mouse moves around its target; z stays up. Movements are in window heights."""
 
     def __init__(self, camera: Camera) -> None:
         away = camera.eye - camera.target
@@ -248,7 +248,7 @@ class Orbit:
         return Camera(eye, self.target, -back, right, up, self.field_of_view)
 
     def turn(self, right: float, up: float) -> None:
-        """Turn around the target: the window's height is half a turn."""
+        """Turn around the target: a movement by the window's height is half a turn."""
         self.azimuth -= math.pi * right
         self.elevation = min(max(self.elevation - math.pi * up, -STEEPEST), STEEPEST)
 
@@ -259,7 +259,7 @@ class Orbit:
         self.target = self.target - unit * (right * camera.right + up * camera.up)
 
     def zoom(self, by: float) -> None:
-        """Divide the distance to the target."""
+        """Divide the distance to the target by a factor."""
         self.distance = min(max(self.distance / by, 1e-3 * self._start), 20.0 * self._start)
 
     def ray(self, right: float, up: float) -> tuple[NDArray, NDArray, NDArray]:

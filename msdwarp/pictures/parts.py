@@ -26,7 +26,11 @@ class Finish(NamedTuple):
 
 
 class Part:
-    """A set of triangles of a drawing; its vertices are a slice of each of the drawing's arrays."""
+    """A set of triangles of a drawing; its vertices are a slice of each of the drawing's arrays.
+
+    A part may consist of tubes, of balls, or of triangles that tear apart: its pieces, which appear, disappear and
+    are colored one by one.
+    """
 
     name: str  # the look's group, or the kind of part
     vertices: slice
@@ -38,6 +42,9 @@ class Part:
     finish: Finish
     radius = 0.0  # reach around the particles [m]
     moves = True
+    of_rope = (
+        False  # whether curves can take its place: tubes of a rope, and balls that fill the gaps between them
+    )
     closed = True  # whether back faces are always hidden
     mixture: tuple[wp.array, wp.array]  # particles and weights of each vertex, shape [vertex_count, k]
     corners = 3  # vertices of each piece: of a tube, of a ball, or of a triangle that may part
@@ -59,8 +66,8 @@ class Part:
 
     def _follow_particles(self, particle: NDArray, weights: NDArray | None, device: str) -> None:
         """Set the particles and weights of each vertex, shape [vertex_count, k]."""
-        shares = np.ones(particle.shape) if weights is None else weights
-        self.mixture = wp.array(particle, dtype=int, device=device), wp.array(shares, dtype=float, device=device)
+        weights = np.ones(particle.shape) if weights is None else weights
+        self.mixture = wp.array(particle, dtype=int, device=device), wp.array(weights, dtype=float, device=device)
 
     def _show_between(self, since: NDArray, until: NDArray, device: str) -> None:
         """Set the times at which pieces appear and disappear [s]."""
@@ -78,9 +85,9 @@ class Part:
         since, until = (broken_before(each.numpy(), time) for each in self.times)
         return np.repeat(since & ~until, len(self.triangles) // max(len(since), 1))
 
-    def show_value(self, shares: wp.array, stops: wp.array) -> None:
+    def show_value(self, fractions: wp.array, stops: wp.array) -> None:
         """Color the vertices by the values of their particles, as fractions of the full value."""
-        _launch(drawing.color_by_value, len(self.colors), [shares, *self.mixture, stops], [self.colors])
+        _launch(drawing.color_by_value, len(self.colors), [fractions, *self.mixture, stops], [self.colors])
 
     def take_strain_of(self, connections: NDArray, rest_length: NDArray, device: str) -> None:
         """Let each piece show the strain of a spring."""

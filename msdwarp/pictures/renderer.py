@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -26,6 +29,8 @@ BACKENDS = ("auto", "raster", "raycast", "opengl")
 
 The class of each takes (drawing, stage, arrows); its `draw(..., shadows)` returns the image.
 """
+BACKGROUNDS = ("#000000", "#ffffff")
+"""Backgrounds of the two pictures of which a transparent one is made."""
 
 
 class Renderer:
@@ -55,6 +60,11 @@ class Renderer:
     arrows
         Draw forces on particles, given with each frame, as arrows in front of everything else. The number is the
         force of the longest arrow [N]; larger forces get arrows of the same length. None: no arrows.
+    bodies
+        Names of the groups that are drawn, such as `["ball"]`; "obstacles" stands for all obstacles. Empty: all.
+    transparent
+        Whether pictures have no background, and a fourth channel, the opacity: 0 … 255. They take twice the time.
+        With `Look(floor="shadows")` shadows are all that is left of the ground.
 
     Raises
     ------
@@ -76,17 +86,24 @@ class Renderer:
         device: str | None = None,
         zoom: float = 1.0,
         arrows: float | None = None,
+        bodies: Sequence[str] = (),
+        transparent: bool = False,
     ) -> None:
         checks.one_of("backend", backend, BACKENDS)
+        checks.one_of("transparent", transparent, (False, True))
+        bodies = checks.sequence("bodies", bodies, str, "'ball'")
         checks.instance("scene", scene, Scene, "Scene(system=chain(5))")
         width, height = picture_size(resolution)
         checks.positive("zoom", zoom)
         if coloring is None:
             coloring = "strain" if scene.look.strain else "texture"
         start_warp()
+        self.transparent = transparent
+        """Whether pictures have a fourth channel, the opacity."""
         self.backend = _chosen(backend, device)
         """The renderer in use: "raster", "raycast" or "opengl"."""
-        self.drawing = Drawing(scene, coloring, find_device(device).alias if self.backend == "raycast" else "cpu")
+        on = find_device(device).alias if self.backend == "raycast" else "cpu"
+        self.drawing = Drawing(scene, coloring, on, bodies)
         positions, self._shape = _numbers("positions", positions), scene.system.position.shape
         if positions.ndim < 2 or positions.shape[-1] != scene.system.dim or positions.size == 0:
             allowed = f"(..., {scene.system.dim}), with at least one point"
@@ -95,13 +112,19 @@ class Renderer:
         full = None if arrows is None else checks.positive("arrows", arrows)
         self._legends = legends((width, height), self.drawing.scale, self.drawing.stops, full)
         room = min(self._legends.height / height, MOST_ROOM)
-        self.stage = Stage(scene, positions, (width, height), zoom, room, self.drawing.radius)
+        how = positions, (width, height), zoom, room, self.drawing.radius
+        self.stage = Stage(scene, *how)
         count = scene.system.particle_count
         self.arrows = None if arrows is None else Arrows(arrows, count, self.stage, self.drawing.device)
         if self.backend == "opengl" and (window := opengl_window()):
             os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
         kind = {"opengl": OpenGL, "raycast": RayCaster, "raster": Rasteriser}[self.backend]
-        self._backend = kind(self.drawing, self.stage, self.arrows)
+        if transparent:
+            before = [replace(scene, look=replace(scene.look, background=color)) for color in BACKGROUNDS]
+            draws = partial(kind, self.drawing, arrows=self.arrows)
+            self._backend: Any = _Matte(draws, (Stage(one, *how) for one in before))
+        else:
+            self._backend = kind(self.drawing, self.stage, self.arrows)
 
     def image(
         self,
@@ -110,7 +133,7 @@ class Renderer:
         values: ArrayLike | None = None,
         forces: ArrayLike | None = None,
     ) -> NDArray[np.uint8]:
-        """Return the picture of a frame, uint8 of shape [height, width, 3].
+        """Return the picture of a frame, uint8 of shape [height, width, 3], or [height, width, 4] if transparent.
 
         Parameters
         ----------
@@ -248,3 +271,41 @@ def picture_size(resolution: object) -> tuple[int, int]:
         raise ValueError(f"resolution is {given}; it must be two whole numbers, width and height")
     width, height = (checks.count("resolution", n, 16) for n in resolution)
     return width, height
+
+
+class _Matte:
+    """A renderer, made of two that see the same before black and before white.
+
+    The share of the background in a pixel is what the two differ by (A. R. Smith and J. F. Blinn, "Blue screen
+    matting", SIGGRAPH 1996). Shadows on a ground in the background's color become black and translucent.
+    """
+
+    def __init__(self, kind: Callable[[Stage], Any], stages: Iterable[Stage]) -> None:
+        self._renderers = [kind(stage) for stage in stages]
+
+    def look_from(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Set the camera of the next pictures; the lights stay."""
+        for one in self._renderers:
+            one.look_from(camera, size)
+
+    def draw(self, *, shadows: bool = True) -> NDArray[np.uint8]:
+        """Return the picture of the drawing's current state, uint8 of shape [height, width, 4]."""
+        black, white = (one.draw(shadows=shadows).astype(np.float32) for one in self._renderers)
+        share = 255 - np.clip((white - black).mean(axis=2, keepdims=True), 0, 255)
+        return from_premultiplied(np.concatenate([black, share], axis=2))
+
+
+def premultiplied(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return a picture with colors multiplied by opacity, in 0 … 255, as which pictures can be added."""
+    values = image.astype(np.float32)
+    if image.shape[2] == 4:
+        values[..., :3] *= values[..., 3:] / 255
+    return values
+
+
+def from_premultiplied(values: NDArray) -> NDArray[np.uint8]:
+    """Return a picture, given colors in 0 … 255 multiplied by opacity, and opacity if there are four channels."""
+    if values.shape[2] == 4:
+        color = values[..., :3] * (255 / np.maximum(values[..., 3:], 0.5))
+        values = np.concatenate([np.minimum(color, 255), values[..., 3:]], axis=2)
+    return (values + 0.5).astype(np.uint8)

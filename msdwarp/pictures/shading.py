@@ -18,7 +18,7 @@ TAPS = 4
 
 
 def _of_fragments(numbers: np.ndarray) -> str:
-    """Return shader arguments of `oneOf`: four vectors, shape [4, n]; it takes one by the fragment's position."""
+    """Return four vectors, shape [4, n], as arguments of the shader's `oneOf`: one for each of 2 x 2 pixels."""
     # A choice between constants, because on CPUs an array look-up would dominate the cost.
     return ", ".join(f"vec{numbers.shape[1]}({', '.join(f'{x:.6f}' for x in row)})" for row in numbers)
 
@@ -45,7 +45,7 @@ float clearAt(vec3 at, vec2 slope, float margin, vec2 aside)
   float nearest = (one.x & 1) == 0 ? two.x : two.y;
   return nearest > at.z + dot(slope, aside) + margin ? 0.0 : {1 / TAPS};
 }}
-// The share of the key light that is seen from a surface that faces it, and 0 from others.
+// The fraction of the key light that is seen from a surface that faces it, and 0 from others.
 float keyLight(vec3 at, float facing)
 {{
   vec3 normal = cross(dFdx(at), dFdy(at));
@@ -77,8 +77,8 @@ _ON_BODIES = f"""
   vec3 towardsEye = normalize(-vertexVC.xyz);
   float keyFacing = dot(normalVCVSOutput, -lightDirectionVC0);
   float headFacing = dot(normalVCVSOutput, -lightDirectionVC1);
-  float share = keyLight(lampVSOutput.xyz, keyFacing);
-  float key = lightColor0.r * max(keyFacing, 0.0) * mix({SHADED}, 1.0, share);
+  float lit = keyLight(lampVSOutput.xyz, keyFacing);
+  float key = lightColor0.r * max(keyFacing, 0.0) * mix({SHADED}, 1.0, lit);
   float head = lightColor1.r * max(headFacing, 0.0);
   float fill = lightColor2.r * max(dot(normalVCVSOutput, -lightDirectionVC2), 0.0);
   float above = max(lampVSOutput.w, 0.0);
@@ -92,7 +92,7 @@ _ON_BODIES = f"""
   {{
     vec3 mirrored = reflect(-towardsEye, normalVCVSOutput);
     if (keyFacing > 0.0)
-      glint += share * lightColor0.r * pow(max(dot(mirrored, -lightDirectionVC0), 1e-5), specularPower);
+      glint += lit * lightColor0.r * pow(max(dot(mirrored, -lightDirectionVC0), 1e-5), specularPower);
     if (headFacing > 0.0)
       glint += lightColor1.r * pow(max(dot(mirrored, -lightDirectionVC1), 1e-5), specularPower);
     glint *= specularColor.r;

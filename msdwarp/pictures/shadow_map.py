@@ -30,8 +30,8 @@ class ShadowMap:
 
     After L. Williams, "Casting curved shadows on curved surfaces", SIGGRAPH 1978. The drawing is on the CPU;
     `light` is the unit vector towards the light. `depth` are distances towards it [m], float32 of shape
-    [SIZE, SIZE]. `around` is the largest distance in each block and the blocks around it, four times, of shape
-    [SIZE / BLOCK, SIZE / BLOCK, 4].
+    [SIZE, SIZE]. `around` has for each block of texels the largest distance in it and in the blocks around it,
+    shape [SIZE / BLOCK, SIZE / BLOCK, 4]: four times the same, as textures for OpenGL need it.
     """
 
     def __init__(self, drawing: Drawing, light: NDArray) -> None:
@@ -61,7 +61,8 @@ class ShadowMap:
     def on_ground(self, points: NDArray, ground: Ground, count: int) -> NDArray[np.float64]:
         """Return the corners on the ground [m], shape [count, 3], of a polygon around the shadows of points.
 
-        Seen from the light it is the polygon with evenly spaced edge normals around the points and soft edges.
+        Seen from the light, its edges touch the points, widened by the soft edges of their shadows; the normals of
+        its edges are evenly spaced.
         """
         across = points @ self.axes[:2].T.astype(np.float32)
         angle = 2 * np.pi * np.arange(count) / count

@@ -28,8 +28,8 @@ class Sheet(Part):
 
     Particles rest on an obstacle, and triangles between them cut its edges and curves, so the obstacle would show
     through. `flat` is the surface without bending; `places` are its triangles' corners at the start [m], shape
-    [triangle_count, 3, 3]: their mean side sets the distance from obstacles. The surface is not moved where
-    particles are `pinned`, shape [particle_count], which may be inside an obstacle.
+    [triangle_count, 3, 3], whose mean side sets the distance from obstacles. At particles that are `pinned`, shape
+    [particle_count], the surface is not moved, since they may be inside an obstacle.
     """
 
     def __init__(
@@ -43,19 +43,19 @@ class Sheet(Part):
         self._flat, self._obstacles, self._device = flat, obstacles, device
         self.times = flat.times  # the pieces of a triangle are visible with it
         pieces = int(np.clip(np.sqrt(MOST_TRIANGLES / len(flat.triangles)), 1, MOST_PIECES))
-        corners, shares, self.triangles = divided(flat.triangles, pieces)
-        particle, weights = np.asarray(flat.mixture[0].numpy(), int), flat.mixture[1].numpy()
+        corners, weights, self.triangles = divided(flat.triangles, pieces)
+        particle, of_vertex = np.asarray(flat.mixture[0].numpy(), int), flat.mixture[1].numpy()
         # In the order of particles, so that rounding leaves no crack between triangles with vertices of their own.
         order = np.argsort(particle[corners, 0], axis=1)
-        corners, shares = np.take_along_axis(corners, order, axis=1), np.take_along_axis(shares, order, axis=1)
-        self.uv, self.finish, self.closed = np.einsum("vk,vkd->vd", shares, flat.uv[corners]), flat.finish, False
-        mixed, carriers = shares[:, :, None] * weights[corners], particle[corners]
+        corners, weights = np.take_along_axis(corners, order, axis=1), np.take_along_axis(weights, order, axis=1)
+        self.uv, self.finish, self.closed = np.einsum("vk,vkd->vd", weights, flat.uv[corners]), flat.finish, False
+        mixed, carriers = weights[:, :, None] * of_vertex[corners], particle[corners]
         self._follow_particles(carriers.reshape(len(corners), -1), mixed.reshape(len(corners), -1), device)
         self._free = wp.array((mixed * ~pinned[carriers]).sum(axis=(1, 2)), dtype=float, device=device)
         own = [wp.zeros(len(flat.uv), dtype=wp.vec3, device=device) for _ in range(3)]
         flat.join(slice(0, len(flat.uv)), *own)
         self._corners = wp.array(corners, dtype=wp.vec3i, device=device)
-        self._shares = wp.array(shares, dtype=wp.vec3, device=device)
+        self._weights = wp.array(weights, dtype=wp.vec3, device=device)
         side = float(np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).mean())
         self._solids, self._gap = _solids(obstacles, device), GAP * side / pieces
         self._poses: list[Any] = [wp.zeros(len(obstacles), dtype=t, device=device) for t in (wp.mat33, wp.vec3)]
@@ -66,7 +66,7 @@ class Sheet(Part):
         poses = [pose_in_space(one, time, 3) for one in self._obstacles]
         for array, values in zip(self._poses, zip(*poses, strict=True), strict=True):
             array.assign(np.array(values, dtype=np.float32))
-        flat = [self._flat.points, self._flat.normals, self._corners, self._shares]
+        flat = [self._flat.points, self._flat.normals, self._corners, self._weights]
         inputs = [*flat, self._free, self._solids, *self._poses, self._gap]
         wp.launch(sheets.bend, len(self.points), inputs, [self.points, self.normals], device=self._device)
 
@@ -87,7 +87,10 @@ def triangles_of_sheets(system: System) -> NDArray[np.bool_]:
 
 
 def divided_triangle(pieces: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Divide the sides of a triangle into `pieces`: return vertices, barycentric × pieces, and small triangles."""
+    """Divide a triangle into small ones, with `pieces` along each side.
+
+    Return the barycentric coordinates of the vertices, times `pieces`, and the vertices of the small triangles.
+    """
     steps = [(i, j, pieces - i - j) for i in range(pieces + 1) for j in range(pieces + 1 - i)]
     at = {(i, j): k for k, (i, j, _) in enumerate(steps)}
     up = [(at[i, j], at[i + 1, j], at[i, j + 1]) for i, j, rest in steps if rest > 0]
@@ -96,10 +99,10 @@ def divided_triangle(pieces: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def divided(triangles: NDArray, pieces: int) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int32]]:
-    """Divide each side of triangles into `pieces`: return corners and shares of vertices, and the small triangles.
+    """Divide triangles into small ones, with `pieces` along each side; adjacent ones have vertices in common.
 
-    A vertex has the barycentric coordinates `shares` in the triangle of the vertices `corners`, both of shape
-    [fine_count, 3]; adjacent triangles share vertices.
+    Return for each new vertex the corners of a triangle in which it lies and its barycentric coordinates there,
+    both of shape [fine_count, 3], and the vertices of the small triangles.
     """
     steps, small = divided_triangle(pieces)
     vertices, steps = np.repeat(triangles, len(steps), axis=0), np.tile(steps, (len(triangles), 1))

@@ -41,7 +41,7 @@ def outermost(position: NDArray, look: Look, aspect: float) -> NDArray:
 
 
 def visible(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
-    """Return points in space [m], shape [any, 3], that a camera sees if it sees positions and obstacles.
+    """Return the points that a camera must see [m], shape [any, 3]: positions, and obstacles above the ground.
 
     Positions come first, fixed obstacles last.
     """
@@ -99,7 +99,7 @@ class Camera:
         """Return the nearest camera in the direction of the look that sees all points, shape [any, 3].
 
         Points are the centres of balls of this `radius` [m]. `aspect` is the picture's width over its height. A
-        `zoom` divides the distance to the target. The share `above` of the height, at the upper edge, is kept
+        `zoom` divides the distance to the target. A fraction `above` of the height, at the upper edge, is kept
         free.
         """
         # In view coordinates a point (a, b, c) right of, above and behind the target is visible to a camera at
@@ -146,12 +146,12 @@ class Camera:
             )
         return replace(self, eye=target - distance / zoom * self.forward, target=target)
 
-    def towards(self, other: "Camera", share: float) -> "Camera":
-        """Return the camera at a share 0 … 1 of the way to another, which looks in the same direction.
+    def towards(self, other: "Camera", fraction: float) -> "Camera":
+        """Return the camera at a fraction 0 … 1 of the way to another, which looks in the same direction.
 
         It sees what both see.
         """
-        eye, target = (a + share * (b - a) for a, b in ((self.eye, other.eye), (self.target, other.target)))
+        eye, target = (a + fraction * (b - a) for a, b in ((self.eye, other.eye), (self.target, other.target)))
         return replace(self, eye=eye, target=target)
 
     @property
@@ -206,7 +206,7 @@ class Camera:
 
 
 class Ground:
-    """The ground: a square of a plane, chequered for scale, that fades into the background.
+    """The ground: a square of a plane, chequered for scale by default, that fades into the background.
 
     It is below all `points` [m], shape [any, 3], of which the camera sees so many metres at a time, by default
     all.
@@ -231,10 +231,12 @@ class Ground:
         along = (self.half * (2 * (np.arange(size) + 0.5) / size - 1)).astype(np.float32)
         u, v = (along + np.float32(self.centre @ axis) for axis in (self.u, self.v))
         odd = (np.floor(u / self.tile)[None, :] + np.floor(v / self.tile)[:, None]) % 2
+        odd = odd if look.floor == "chequered" else np.zeros_like(odd)
         far = np.sqrt(along[None, :] ** 2 + along[:, None] ** 2) / self.half
         fade = np.clip(1.25 - 1.35 * far, 0, 1) ** 2
         self.texture = np.empty((size, size, 3), np.uint8)
-        colors = checks.color("ground", look.ground), checks.color("background", look.background)
+        sky = checks.color("background", look.background)
+        colors = sky if look.floor == "shadows" else checks.color("ground", look.ground), sky
         for k, (ground, sky) in enumerate(zip(*colors, strict=True)):
             self.texture[..., k] = 255 * (sky + fade * (ground * (1 - 0.07 * odd) - sky)) + 0.5
 
@@ -283,8 +285,8 @@ class Stage:
         angles = [(math.radians(view.azimuth), math.radians(view.elevation)) for view in self.look.views]
         self._times = np.array([one.time for one in self.look.path])
         self._way = np.column_stack([angles, away, [one.target for one in cameras]])
-        wide = max(one.distance * one.tangent for one in cameras)
-        self.ground = Ground(scene, points, AROUND_VIEW * wide) if scene.ground else None
+        wide, floor = max(one.distance * one.tangent for one in cameras), scene.look.floor
+        self.ground = Ground(scene, points, AROUND_VIEW * wide) if scene.ground and floor != "none" else None
 
     def _camera_of(
         self, scene: Scene, look: Look, points: NDArray, needed: int, radius: NDArray, zoom: float, above: float

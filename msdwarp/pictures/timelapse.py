@@ -1,12 +1,13 @@
 """Pictures made of several: poses of a moving body, the first faint and the last opaque; stills for print."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .renderer import Renderer, finite_array
+from .renderer import Renderer, finite_array, from_premultiplied, premultiplied
 
 FAINTEST = 0.22
 """Opacity of the first of several poses."""
@@ -36,6 +37,8 @@ def timelapse(
     count = len(positions)
     if not count:
         raise ValueError("positions has no pose; it must have at least one")
+    if renderer.transparent:
+        raise ValueError("renderer is transparent; for several poses in one picture it must not be")
     moments = checks.broadcast("times", times, (count,))
     checks.every("times", moments, np.isfinite(moments), "finite")
     values_of: Iterable[NDArray | None] = [None] * count
@@ -59,34 +62,28 @@ def timelapse(
     return renderer.with_legend(np.round(bodies + clear * light * stage).astype(np.uint8))
 
 
-def still(
-    renderer: Renderer,
-    samples: Iterable[int],
-    position: NDArray,
-    time: float = 0.0,
-    values: ArrayLike | None = None,
-    forces: ArrayLike | None = None,
-) -> NDArray[np.uint8]:
-    """Return the mean of pictures of a frame, one for each of the `samples` 0, 1, 2 ..., as they come.
+def exposure(renderer: Renderer, moments: Iterable[tuple[NDArray, float, Any, Any]]) -> NDArray[np.uint8]:
+    """Return the mean of pictures of some moments, as they come: a still if all are one, else motion blur.
 
-    The view of each sample is shifted by different fractions of a pixel, at most half a pixel. Other arguments are
-    those of `Renderer.image`.
+    The view of each is shifted by other fractions of a pixel, at most half a pixel. A moment is (position, time,
+    values, forces), the arguments of `Renderer.image`.
     """
-    stage, count = renderer.stage, 0
-    camera, total = stage.camera_at(time, position), np.zeros((stage.height, stage.width, 3), np.uint32)
-    for k in samples:
-        right, up = (k + 1) * STEPS % 1 - 0.5
+    stage, count, total, camera = renderer.stage, 0, np.zeros(()), renderer.stage.camera
+    for position, time, values, forces in moments:
+        camera = stage.camera_at(time, position)
+        right, up = (count + 1) * STEPS % 1 - 0.5
         renderer.look_from(camera.shifted_by_pixels(right, up, stage.height))
-        total += renderer.bare(position, time, values=values, forces=forces)
+        total = total + premultiplied(renderer.bare(position, time, values=values, forces=forces))
         count += 1
     renderer.look_from(camera)
-    return renderer.with_legend(((total + count // 2) // count).astype(np.uint8))
+    return renderer.with_legend(from_premultiplied(total / count))
 
 
 def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, NDArray]:
-    """Return the body's color in a picture, and its share of each pixel, given the picture without it.
+    """Return the body's color in a picture, and its opacity in each pixel, given the picture without it.
 
-    A pixel on its outline is a blend of both; the body's color there is assumed to be that of the neighbours.
+    A pixel on the body's outline is a blend of both pictures; there the body is assumed to have the color of the
+    pixels beside it.
     """
     body = (image != stage).any(axis=2, keepdims=True)
     inside = _sum_around(body) == 9
@@ -94,8 +91,8 @@ def _body(image: NDArray[np.uint8], stage: NDArray[np.uint8]) -> tuple[NDArray, 
     outline = body & ~inside & (beside > 0)
     color = np.where(outline, _sum_around(inside * image.astype(np.int32)) / np.maximum(beside, 1), image)
     whole, seen = color - stage, image - stage.astype(float)
-    share = (whole * seen).sum(axis=2, keepdims=True) / np.maximum((whole**2).sum(axis=2, keepdims=True), 1.0)
-    return color, np.where(outline, np.clip(share, 0.0, 1.0), body)
+    opacity = (whole * seen).sum(axis=2, keepdims=True) / np.maximum((whole**2).sum(axis=2, keepdims=True), 1.0)
+    return color, np.where(outline, np.clip(opacity, 0.0, 1.0), body)
 
 
 def _sum_around(values: NDArray) -> NDArray[np.int64]:

@@ -31,6 +31,8 @@ LANES = 16
 REFITS = 32
 """Number of refits of a search tree before it is rebuilt: its boxes overlap more as bodies move."""
 ALL = slice(None)
+FARTHEST = 1e10
+"""Depth where nothing is [m], as in Blender."""
 _BLANK = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
@@ -111,6 +113,41 @@ class Rasteriser:
         row, column, rows, columns = part
         inputs = [body, self._view, self._map.data, row, column, columns]
         wp.launch(raster.shade, (rows + 1) // 2, inputs, [nearest, self._pixels], device="cpu")
+
+
+class Passes:
+    """What a drawing on the CPU shows at each pixel: how far away it is, and which of its triangles it is."""
+
+    def __init__(self, drawing: Drawing, stage: Stage) -> None:
+        self._drawing, self._stage = drawing, stage
+        self._body, self._view = _body_of(drawing), _surroundings_of(drawing, stage)
+        self._nearest = wp.zeros((4 * stage.height, stage.width), dtype=wp.uint64, device="cpu")
+
+    def draw(self, camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Return depths and triangles, each of shape [height, width], of the nearest of four points of a pixel.
+
+        A depth is a distance along the direction of view [m], FARTHEST where there is nothing. Triangles are
+        numbers in the drawing, -1 for the ground and the background.
+        """
+        stage, ground, n = self._stage, self._stage.ground, len(self._body.triangles)
+        _look_from(self._view, camera, (stage.width, stage.height))
+        self._nearest.zero_()
+        none = wp.zeros((0, 0), dtype=wp.uint64, device="cpu")
+        wp.launch(raster.draw_triangles, n, [self._body, self._view, none], [self._nearest], device="cpu")
+        key = self._nearest.numpy().reshape(stage.height, 4, stage.width).max(axis=1)
+        near = (key >> np.uint64(32)).astype(np.uint32).view(np.float32)
+        depth = np.where(key > 0, 1 / np.maximum(near, np.float32(1 / FARTHEST)), np.float32(FARTHEST))
+        face = (key & np.uint64(0xFFFFFFFF)).astype(np.int64) - 1
+        if ground is not None:
+            row, column = np.mgrid[: stage.height, : stage.width][..., None] + 0.5
+            way = np.array(self._view.corner) + column * self._view.across + row * self._view.down
+            with np.errstate(divide="ignore", invalid="ignore"):  # at the horizon
+                floor = (ground.centre - camera.eye) @ ground.normal / (way @ ground.normal)
+                inside = np.abs(ground.uv(camera.eye + floor[..., None] * way) - 0.5).max(axis=-1) <= 0.5
+            # Bodies in contact sink a little into the ground; pictures show them nevertheless.
+            hidden = (floor > 0) & inside & (depth > floor + self._view.below)
+            depth, face = np.where(hidden, floor, depth).astype(np.float32), np.where(hidden, -1, face)
+        return depth, face
 
 
 class RayCaster(ReleasedInTurn):

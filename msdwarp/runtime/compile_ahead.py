@@ -1,6 +1,7 @@
 """The kernels that a scene is about to launch: on a GPU, those that were never compiled compile side by side."""
 
 import os
+import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +13,8 @@ from .turns import deferring_signals
 
 MOST_WORKERS = 16
 """Maximal number of threads that compile; only one of them generates code at a time."""
+BESIDE = "msdwarp compiles"
+"""Name of the thread that compiles beside a run."""
 THREADS = "MSDWARP_THREADS"
 """Environment variable with the maximal number of CPU threads."""
 
@@ -53,29 +56,41 @@ class Kernels:
     """The kernels that a scene is about to launch on a device."""
 
     def __init__(self, device: Any) -> None:
-        self._device, self.noted = device, dict[tuple[Any, int], None]()
-        """Pairs of a module and the number of threads of a block, since `compile` was called last."""
+        self._device, self.noted = device, dict[tuple[Any, int], bool]()
+        """Whether a run can begin without them, by module and number of threads of a block, since `compile`."""
 
-    def note(self, *kernels: Any, block: int = 256, first: bool = False) -> Any:
+    def note(self, *kernels: Any, block: int = 256, first: bool = False, beside: bool = False) -> Any:
         """Have `compile` compile kernels, on a GPU for blocks of so many threads; return the first kernel.
 
-        It begins with those noted as `first`: what takes longest must not wait for the rest.
+        It begins with those noted as `first`: what takes longest must not wait for the rest. For those that only
+        make frames faster, `beside`, it does not wait; see `is_compiled`.
         """
-        noted = {(one.module, block if self._device.is_cuda else 1): None for one in kernels}
+        noted = {(one.module, block if self._device.is_cuda else 1): beside for one in kernels}
         self.noted = noted | self.noted if first else self.noted | noted
         return kernels[0]
 
+    def is_compiled(self, kernel: Any, block: int) -> bool:
+        """Return whether a kernel can be launched without waiting for the compiler."""
+        return not Job(kernel.module, block, self._device).is_missing()
+
     def compile(self) -> None:
         """On a GPU, compile the noted kernels that are missing; what fails is raised where it is launched."""
-        jobs = [
-            job for one in self.noted if self._device.is_cuda and (job := Job(*one, self._device)).is_missing()
-        ]
+        missing = {
+            job: beside
+            for one, beside in self.noted.items()
+            if self._device.is_cuda and (job := Job(*one, self._device)).is_missing()
+        }
         self.noted.clear()
+        jobs = [job for job, beside in missing.items() if not beside]
         if jobs:
             Compiling.report()
             begun = time.perf_counter()
             Compiling.modules += compile_all(jobs).count(None)
             Compiling.seconds += time.perf_counter() - begun
+        beside = [job for job, beside in missing.items() if beside]
+        if beside:
+            # Not a daemon: the compiler must not be running when the process ends.
+            threading.Thread(target=compile_all, args=[beside], name=BESIDE).start()
 
 
 def compile_all(jobs: Sequence[Job]) -> list[Exception | None]:

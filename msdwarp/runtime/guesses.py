@@ -45,6 +45,7 @@ KEYWORDS = {
     "resolution": "window_size size width",
     "color": "colour",
     "coloring": "colouring color",
+    "fraction": "share",
     "film": "video movie",
     "out": "folder output path directory",
 }
@@ -96,7 +97,7 @@ NAMES: dict[str, dict[str, str]] = {
         "connections": "springs edges links lines",
         "surface.triangles": "faces triangles",
         "position.min(axis=0) and position.max(axis=0)": "bounds extent bounding_box aabb",
-        "centre_of_mass": "center centre com center_of_mass centroid mean",
+        "center_of_mass": "center centre com centre_of_mass centroid mean",
         "the system itself, which never changes: its methods return a new one": "copy clone deepcopy",
         "rotate(angle, axis), by radians": "rotate_x rotate_y rotate_z turn",
         _WINDOW: "plot show render view draw",

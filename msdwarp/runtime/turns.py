@@ -123,13 +123,13 @@ def in_main_thread() -> bool:
 
 
 @contextlib.contextmanager
-def handling(handler: Callable[[int, Any], Any], numbers: Iterable[int]) -> Iterator[dict[int, Any]]:
-    """Handle signals by a function of their number and the frame within a block; yield the handlers of before."""
+def handling(handler: Callable[[int, Any], Any], numbers: Iterable[int]) -> Iterator[None]:
+    """Handle signals by a function of their number and the frame within a block."""
     before = {number: _signal.getsignal(number) for number in numbers}
     try:
         for number in before:
             _signal.signal(number, handler)
-        yield before
+        yield
     finally:
         _handle_by(before)
 
@@ -185,13 +185,12 @@ def deferring_signals() -> Iterator[None]:
     if not in_main_thread():
         yield
         return
-    came = list[tuple[int, Any]]()
-    numbers = [number for number in range(1, _signal.NSIG) if callable(_signal.getsignal(number))]
-    usual = dict[int, Any]()
+    came, numbers = list[tuple[int, Any]](), range(1, _signal.NSIG)
+    usual = {number: handler for number in numbers if callable(handler := _signal.getsignal(number))}
     try:
-        with handling(lambda *call: came.append(call), numbers) as usual:
+        with handling(lambda *call: came.append(call), usual):
             yield
-    finally:
+    finally:  # also where one comes before all have been set, and its handler raises
         for number, frame in came:
             usual[number](number, frame)
 

@@ -123,10 +123,10 @@ def resisting_bending(
             slices[name.replace("x", "2x").replace("y", "2y")] = slice(start, start + len(first))
             start += len(first)
     pulled = tension > 0
-    share = (1 - _LEAST) * (flat.stiffness * flat.rest_length)[pulled] / tension[pulled]
-    if (share < 1).any():
+    most = (1 - _LEAST) * (flat.stiffness * flat.rest_length)[pulled] / tension[pulled]
+    if (most < 1).any():
         raise ValueError(
-            f"bending is {rigidity:g} N m; connections of this stiffness bear at most {share.min() * rigidity:.4g}"
+            f"bending is {rigidity:g} N m; connections of this stiffness bear at most {most.min() * rigidity:.4g}"
         )
     rest_length = np.array(flat.rest_length)
     rest_length[pulled] -= tension[pulled] / flat.stiffness[pulled]

@@ -15,18 +15,18 @@ from ..bodies import Surface, pieces
 
 _PEAK = {2: (62, 112), 4: (271, 271), 8: (271, 310), 6: (85, 197), 26: (277, 788)}
 """Bytes of memory per particle that a lattice was measured to take at most while it is made, by the number of
-neighbours: without and with a material."""
+neighbors: without and with a material."""
 _BENDING = 850
 """Bytes per particle that springs to second neighbours take beside them, measured likewise."""
 
 
 def check_memory(
-    name: str, value: object, count: int, neighbours: int, material: object = None, bending: object = None
+    name: str, value: object, count: int, neighbors: int, material: object = None, bending: object = None
 ) -> None:
     """Raise ValueError if a lattice of `count` particles takes more memory while it is made than is free."""
     count = min(count, 10**300)  # floats overflow at about 10**308
-    size = count * (_PEAK[neighbours][material is not None] + _BENDING * (bending is not None))
-    what = f"{count:.3g} particles with {count * neighbours // 2:.3g} connections"
+    size = count * (_PEAK[neighbors][material is not None] + _BENDING * (bending is not None))
+    what = f"{count:.3g} particles with {count * neighbors // 2:.3g} connections"
     checks.fits(f"{name} is {checks.repr_short(value)}", what, size)
 
 
@@ -120,7 +120,7 @@ def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8
     return count
 
 
-def cell_shares(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
+def cell_fractions(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.float64]:
     """Return the fraction of whole cells among those around each connection along a step, from 0 to 1.
 
     Connections are ordered as by `lattice_connections` with whole cells; the step 0 gives the particles instead.

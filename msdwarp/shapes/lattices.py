@@ -14,7 +14,7 @@ from ..bodies import Cells, Material, Surface, System, mask_of, uniform
 from .bending import flexural_rigidity, resisting_bending
 from .grid import (
     cell_corners,
-    cell_shares,
+    cell_fractions,
     check_memory,
     count_pieces,
     first_loose,
@@ -70,7 +70,7 @@ def _lattice(
         )
     if material is not None and material.poissons_ratio is not None and len(shape) > 1 and not diagonals:
         raise ValueError(
-            f"material has poissons_ratio={material.poissons_ratio:g}; it needs neighbours="
+            f"material has poissons_ratio={material.poissons_ratio:g}; it needs neighbors="
             f"{(8, 26)[len(shape) - 2]}: without diagonals nothing resists shear"
         )
     position = np.zeros((*shape[::-1], dim))  # z, y, x
@@ -114,12 +114,12 @@ def _constants_of(
     whole, axes = whole_cells(mask), mask.ndim
     by_axes = material.cell_stiffness(axes, spacing, section, diagonals=diagonals)
     steps = lattice_directions(axes, diagonals=diagonals).values()
-    shares = [by_axes[np.count_nonzero(step) - 1] * cell_shares(whole, step) for step in steps]
-    stiffness = np.concatenate(shares)
+    each = [by_axes[np.count_nonzero(step) - 1] * cell_fractions(whole, step) for step in steps]
+    stiffness = np.concatenate(each)
     longest = max(int(np.ptp(points)) for points in np.nonzero(mask))
     time = material.damping_time(spacing * longest, axes)
     return {
-        "mass": material.cell_mass(axes, spacing, section) * cell_shares(whole, (0,) * axes),
+        "mass": material.cell_mass(axes, spacing, section) * cell_fractions(whole, (0,) * axes),
         "stiffness": stiffness,
         "damping": time * stiffness,
         "cells": _cells_of(material, section, mask, whole, spacing, time),
@@ -156,13 +156,13 @@ def _spacings(spacing: float | Sequence[float], axes: int) -> tuple[float, ...]:
     return tuple(checks.positive(f"spacing[{k}]", one) for k, one in enumerate(each))
 
 
-def _check_shape(shape: Sequence[int], axes: int, neighbours: int, *extra: object) -> None:
+def _check_shape(shape: Sequence[int], axes: int, neighbors: int, *extra: object) -> None:
     """Check the number of particles along each axis, and that particles and connections fit into memory."""
     if not isinstance(shape, Sequence) or len(shape) != axes:
         raise ValueError(f"shape is {shape!r}; it must be {axes} numbers of particles")
     for k, n in enumerate(shape):
         checks.count(f"shape[{k}]", n, 2)
-    check_memory("shape", shape, math.prod(shape), neighbours, *extra)
+    check_memory("shape", shape, math.prod(shape), neighbors, *extra)
 
 
 def chain(
@@ -204,7 +204,7 @@ def sheet(
     shape: tuple[int, int],
     spacing: float | Sequence[float] = 1.0,
     *,
-    neighbours: int = 8,
+    neighbors: int = 8,
     material: Material | None = None,
     thickness: float | None = None,
     mass: ArrayLike | None = None,
@@ -221,7 +221,7 @@ def sheet(
         Number of particles along x and y, each at least 2.
     spacing
         Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
-    neighbours
+    neighbors
         4 connects neighbours along the axes (such a sheet collapses by shearing: figure 7 of the 2014 report); 8
         adds the diagonals (figure 8).
     material, mass, stiffness, damping
@@ -237,18 +237,18 @@ def sheet(
         Number of coordinates: 2 or 3.
     """
     checks.one_of("dim", dim, (2, 3))
-    checks.one_of("neighbours", neighbours, (4, 8))
-    _check_shape(shape, 2, neighbours, material, bending)
+    checks.one_of("neighbors", neighbors, (4, 8))
+    _check_shape(shape, 2, neighbors, material, bending)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     section, surface = _section(material, constants, {"thickness": thickness}), grid_surface(shape)
-    return _lattice(shape, spacing, neighbours == 8, dim, surface, material, section, constants, bending=bending)
+    return _lattice(shape, spacing, neighbors == 8, dim, surface, material, section, constants, bending=bending)
 
 
 def box(
     shape: tuple[int, int, int],
     spacing: float | Sequence[float] = 1.0,
     *,
-    neighbours: int = 26,
+    neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
@@ -265,24 +265,24 @@ def box(
         Number of particles along x, y and z, each at least 2.
     spacing
         Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
-    neighbours
+    neighbors
         6 connects neighbours along the axes (such a block collapses by shearing); 26 adds the diagonals of faces
         and cells.
     material, mass, stiffness, damping
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`.
     """
-    checks.one_of("neighbours", neighbours, (6, 26))
-    _check_shape(shape, 3, neighbours, material)
+    checks.one_of("neighbors", neighbors, (6, 26))
+    _check_shape(shape, 3, neighbors, material)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     section = _section(material, constants, {})
-    return _lattice(shape, spacing, neighbours == 26, 3, grid_surface(shape), material, section, constants)
+    return _lattice(shape, spacing, neighbors == 26, 3, grid_surface(shape), material, section, constants)
 
 
 def lattice(
     mask: ArrayLike,
     spacing: float | Sequence[float] = 1.0,
     *,
-    neighbours: int | None = None,
+    neighbors: int | None = None,
     material: Material | None = None,
     thickness: float | None = None,
     mass: ArrayLike | None = None,
@@ -304,7 +304,7 @@ def lattice(
         a sheet in the x-y plane.
     spacing
         Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
-    neighbours
+    neighbors
         26 or 6 for a solid body, 8 or 4 for a sheet, as for `box` and `sheet`; by default the larger.
     material, mass, stiffness, damping
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`. A
@@ -338,9 +338,9 @@ def lattice(
         raise ValueError("mask is False everywhere; it must have at least two particles")
     axes = points.ndim
     allowed = {2: (8, 4), 3: (26, 6)}[axes]
-    neighbours = allowed[0] if neighbours is None else neighbours
-    checks.one_of("neighbours", neighbours, allowed)
-    check_memory("mask's shape", points.shape, int(np.count_nonzero(points)), neighbours, material, bending)
+    neighbors = allowed[0] if neighbors is None else neighbors
+    checks.one_of("neighbors", neighbors, allowed)
+    check_memory("mask's shape", points.shape, int(np.count_nonzero(points)), neighbors, material, bending)
     dim = 3 if dim is None else dim
     checks.one_of("dim", dim, (2, 3) if axes == 2 else (3,))
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
@@ -350,7 +350,7 @@ def lattice(
             raise ValueError(f"{name} is {value!r}; for a solid body it must be left out")
     surface = grid_surface(points.shape, points) if surface is None else surface
     kind = (dim, surface, material, section, constants)
-    return _lattice(points.shape, spacing, neighbours == allowed[0], *kind, points, bending)
+    return _lattice(points.shape, spacing, neighbors == allowed[0], *kind, points, bending)
 
 
 def _check_one_piece(mask: NDArray[np.bool_], connections: NDArray[np.int32]) -> None:

@@ -28,7 +28,7 @@ def from_mesh(
     spacing: float | None = None,
     *,
     across: int | None = None,
-    neighbours: int = 26,
+    neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
@@ -56,7 +56,7 @@ def from_mesh(
         Distance of neighbouring particles along an axis [m]. Give either `spacing` or `across`.
     across
         Number of cells along the mesh's longest extent.
-    neighbours, material, mass, stiffness, damping
+    neighbors, material, mass, stiffness, damping
         As for `box`.
 
     Raises
@@ -94,7 +94,7 @@ def from_mesh(
         uv = np.stack([around, points[:, 2] / extent[2] + 0.5], axis=1)
     skin = Skin(points, np.asarray(uv), triangles, shared_normals(points, triangles))
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    body = embedded(cells, h, skin, volume, neighbours=neighbours, material=material, **constants)
+    body = embedded(cells, h, skin, volume, neighbors=neighbors, material=material, **constants)
     thickness, times = 2 * volume / area, np.count_nonzero(cells) * h**3 / volume
     if material is not None and thickness < h and times > _MORE:
         checks.warn(

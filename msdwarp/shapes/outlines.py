@@ -21,7 +21,7 @@ def cloth(
     outline: ArrayLike,
     spacing: float,
     *,
-    neighbours: int = 8,
+    neighbors: int = 8,
     material: Material | None = None,
     thickness: float | None = None,
     mass: ArrayLike | None = None,
@@ -43,7 +43,7 @@ def cloth(
         Corners of a simple polygon, clockwise or counter-clockwise [m], shape [n, 2].
     spacing
         Distance of neighbouring particles along an axis [m].
-    neighbours
+    neighbors
         8 or 4, as for `sheet`.
     material, thickness, mass, stiffness, damping
         A material and the thickness [m], or the constants of each particle [kg] and each connection [N/m],
@@ -72,7 +72,7 @@ def cloth(
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     constants |= {"material": material, "thickness": thickness, "bending": bending}
     area = abs(_cross(corners, np.roll(corners, -1, axis=0)).sum()) / 2 * spacing**2
-    body = embedded(cells, spacing, skin, area, neighbours=neighbours, dim=dim, **constants)
+    body = embedded(cells, spacing, skin, area, neighbors=neighbors, dim=dim, **constants)
     return body.translate(np.resize([*centre, 0.0], body.dim))
 
 
@@ -170,8 +170,8 @@ def _nearest_of(corners: NDArray[np.float64], points: NDArray[np.float64]) -> ND
     result = np.empty_like(points)
     for start in range(0, len(points), 256):
         offset = points[start : start + 256, None] - corners
-        share = np.clip((offset * side).sum(axis=-1) / (side**2).sum(axis=-1), 0, 1)
-        foot = corners + share[..., None] * side
+        fraction = np.clip((offset * side).sum(axis=-1) / (side**2).sum(axis=-1), 0, 1)
+        foot = corners + fraction[..., None] * side
         nearest = np.argmin(np.linalg.norm(points[start : start + 256, None] - foot, axis=-1), axis=1)
         result[start : start + 256] = foot[np.arange(len(nearest)), nearest]
     return result

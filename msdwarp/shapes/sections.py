@@ -51,11 +51,6 @@ class Section:
         """Mask of the particles that are not above the plane, shape [particle_count]."""
         return self.height <= 0
 
-    @property
-    def kept(self) -> NDArray[np.bool_]:
-        """Mask of the connections neither of whose ends is above the plane, shape [connection_count]."""
-        return np.asarray(self.below[self._system.connections].all(axis=1))
-
     def clip(self, surface: Surface) -> Clipped:
         """Return the part of a surface that is not above the plane."""
         particle, weights = surface.mixture
@@ -77,16 +72,16 @@ class Section:
         left += [np.stack([b[one], c[one], q[:n]], axis=1), np.stack([b[one], q[:n], p[:n]], axis=1)]
         left += [np.stack([a[two], p[n:], q[n:]], axis=1)]
         i, j = pairs.T
-        share = (height[i] / (height[i] - height[j]))[:, None]
+        fraction = (height[i] / (height[i] - height[j]))[:, None]
         surface = Surface(
             particle=np.concatenate([np.tile(particle, (1, 2)), np.hstack([particle[i], particle[j]])]),
             weights=np.concatenate(
                 [
                     np.hstack([weights, np.zeros(weights.shape)]),
-                    np.hstack([(1 - share) * weights[i], share * weights[j]]),
+                    np.hstack([(1 - fraction) * weights[i], fraction * weights[j]]),
                 ]
             ),
-            uv=np.concatenate([surface.uv, (1 - share) * surface.uv[i] + share * surface.uv[j]]),
+            uv=np.concatenate([surface.uv, (1 - fraction) * surface.uv[i] + fraction * surface.uv[j]]),
             triangles=np.concatenate(left),
             normal_of=None
             if surface.normal_of is None
@@ -119,8 +114,8 @@ class Section:
             return None
         position = in_space(self._system.position, np.float64)
         spacing = float(np.median(np.linalg.norm(np.diff(position[edges], axis=1), axis=2)))
-        share = self.height[edges[:, 0]] / (self.height[edges[:, 0]] - self.height[edges[:, 1]])
-        crossed = edges.astype(np.int32), np.stack([1 - share, share], axis=1)
+        fraction = self.height[edges[:, 0]] / (self.height[edges[:, 0]] - self.height[edges[:, 1]])
+        crossed = edges.astype(np.int32), np.stack([1 - fraction, fraction], axis=1)
         particle, weights = surface.mixture
         sides = _divided((particle[rim], weights[rim]), position, FINE * spacing)
         axes = np.linalg.svd(self.normal[None])[2][1:]
@@ -168,8 +163,8 @@ def _divided(ends: Mixture, position: NDArray, longest: float) -> Mixture:
     count = np.maximum(np.ceil(np.linalg.norm(np.diff(places, axis=1)[:, 0], axis=1) / longest).astype(int), 1)
     side = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)
-    share = np.stack([step, step + 1], axis=1) / count[side][:, None]
-    both = np.stack([1 - share, share], axis=2)[..., None] * weights[side][:, None]
+    fraction = np.stack([step, step + 1], axis=1) / count[side][:, None]
+    both = np.stack([1 - fraction, fraction], axis=2)[..., None] * weights[side][:, None]
     carriers = np.broadcast_to(particle[side][:, None], both.shape)
     return carriers.reshape(2 * len(side), -1), both.reshape(2 * len(side), -1)
 

@@ -54,13 +54,13 @@ def shell(
     a, b, c = (points[triangles[:, k]] for k in range(3))
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     checks.every("the area of a triangle", area, area > 0, "above 0")
-    share = np.bincount(corners.ravel(), np.repeat(area / 3, 3), minlength=len(first))
+    weight = np.bincount(corners.ravel(), np.repeat(area / 3, 3), minlength=len(first))
     edges, across = edges_of(corners)
     uv_of = _longitude_and_latitude(points) if uv is None else uv
     normal_of = shared_normals(points, triangles) if len(first) < len(points) else None
     system = System(
         position=points[first],
-        mass=checks.positive("mass", mass) * share / share.sum(),
+        mass=checks.positive("mass", mass) * weight / weight.sum(),
         connections=edges,
         stiffness=stiffness,
         damping=damping,

@@ -122,8 +122,8 @@ def embedded(cells: NDArray[np.bool_], spacing: float, skin: Skin, size: float, 
     mask = cells
     for axis in range(cells.ndim):
         mask = np.insert(mask, 0, False, axis) | np.insert(mask, mask.shape[axis], False, axis)
-    checks.one_of("neighbours", kind["neighbours"], (26, 6) if mask.ndim == 3 else (8, 4))
-    check_memory("spacing", spacing, int(np.count_nonzero(mask)), kind["neighbours"], kind["material"])
+    checks.one_of("neighbors", kind["neighbors"], (26, 6) if mask.ndim == 3 else (8, 4))
+    check_memory("spacing", spacing, int(np.count_nonzero(mask)), kind["neighbors"], kind["material"])
     whole = whole_cells(mask)
     # A cell's particles are joined along its edges, so connections along the axes determine the pieces.
     joined, _ = lattice_connections(mask.shape, lattice_directions(mask.ndim, diagonals=False), mask, whole)

@@ -24,7 +24,7 @@ def ball(
     radius: float,
     spacing: float,
     *,
-    neighbours: int = 26,
+    neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
@@ -47,7 +47,7 @@ def ball(
         Radius [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius.
-    neighbours, material, mass, stiffness, damping
+    neighbors, material, mass, stiffness, damping
         As for `box`.
     """
     radius = checks.positive("radius", radius)
@@ -62,7 +62,7 @@ def ball(
     cells = x**2 + y**2 + z**2 < radius**2
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     volume = 4 / 3 * math.pi * radius**3
-    return embedded(cells, spacing, skin, volume, neighbours=neighbours, material=material, **constants)
+    return embedded(cells, spacing, skin, volume, neighbors=neighbors, material=material, **constants)
 
 
 def cylinder(
@@ -70,7 +70,7 @@ def cylinder(
     height: float,
     spacing: float,
     *,
-    neighbours: int = 26,
+    neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
@@ -89,7 +89,7 @@ def cylinder(
         Radius and height [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius and the height.
-    neighbours, material, mass, stiffness, damping
+    neighbors, material, mass, stiffness, damping
         As for `box`.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
@@ -107,7 +107,7 @@ def cylinder(
     cells = (x**2 + y**2 < radius**2) & (np.abs(z) < half)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     volume = math.pi * radius**2 * height
-    return embedded(cells, spacing, skin, volume, neighbours=neighbours, material=material, **constants)
+    return embedded(cells, spacing, skin, volume, neighbors=neighbors, material=material, **constants)
 
 
 def cone(
@@ -115,7 +115,7 @@ def cone(
     height: float,
     spacing: float,
     *,
-    neighbours: int = 26,
+    neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
@@ -134,7 +134,7 @@ def cone(
         Radius of the base, and height [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius and the height.
-    neighbours, material, mass, stiffness, damping
+    neighbors, material, mass, stiffness, damping
         As for `box`.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
@@ -151,7 +151,7 @@ def cone(
     cells = (np.hypot(x, y) < radius * (half - z) / height) & (np.abs(z) < half)
     constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
     volume = math.pi * radius**2 * height / 3
-    return embedded(cells, spacing, skin, volume, neighbours=neighbours, material=material, **constants)
+    return embedded(cells, spacing, skin, volume, neighbors=neighbors, material=material, **constants)
 
 
 def _columns(radius: float, spacing: float, least: int = _AROUND) -> int:

@@ -11,20 +11,20 @@ MOST = 0.99
 """Largest relative change of a relaxing spring's rest length, which usual strains do not reach."""
 
 
-def viscoelastic(system: System, share: float = 0.5, relaxation_time: float = 1.0) -> System:
+def viscoelastic(system: System, fraction: float = 0.5, relaxation_time: float = 1.0) -> System:
     """Return a body that is a standard linear solid: at constant strain a fraction of its force relaxes.
 
-    Parallel to each spring, of stiffness k (1 − share), is a Maxwell element: a spring of stiffness k share
-    and a dashpot in series. The element is a connection that yields from the start: its rest length approaches its
-    length with the time constant τ. A small constant strain ε has the force k l0 ε (1 − share + share exp(−t/τ)).
+    Parallel to each spring, of stiffness k (1 − g), is a Maxwell element: a spring of stiffness k g and a dashpot
+    in series. The element is a connection that yields from the start: its rest length approaches its length with
+    the time constant τ. A small constant strain ε has the force k l0 ε (1 − g + g exp(−t/τ)).
 
     Parameters
     ----------
     system
         The body; the dampers of its connections stay. The result has no lattice directions, so that forces are
         gathered from a table.
-    share
-        Fraction of the stiffness that relaxes, between 0 and 1.
+    fraction
+        Fraction g of the stiffness that relaxes, between 0 and 1.
     relaxation_time
         τ [s].
 
@@ -36,7 +36,7 @@ def viscoelastic(system: System, share: float = 0.5, relaxation_time: float = 1.
     Reference: Christensen, Theory of Viscoelasticity, 2nd ed. (1982), 1.5.
     """
     checks.instance("system", system, System, "box((3, 3, 3))")
-    share = checks.between("share", share, 0.0, 1.0)
+    fraction = checks.between("fraction", fraction, 0.0, 1.0)
     time = checks.positive("relaxation_time", relaxation_time)
     if system.yields or system.tears:
         raise ValueError("connections of the system yield or break; a viscoelastic body must have others")
@@ -48,7 +48,7 @@ def viscoelastic(system: System, share: float = 0.5, relaxation_time: float = 1.
     return system.replace(
         connections=np.concatenate([system.connections] * 2),
         rest_length=both(system.rest_length, system.rest_length),
-        stiffness=both((1 - share) * system.stiffness, share * system.stiffness),
+        stiffness=both((1 - fraction) * system.stiffness, fraction * system.stiffness),
         damping=both(system.damping, 0.0),
         yield_strain=both(np.inf, 0.0),
         relaxation_time=both(0.0, time),

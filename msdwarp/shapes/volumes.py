@@ -47,7 +47,7 @@ def from_volume(
     *,
     across: int | None = None,
     scale: float = 1.0,
-    neighbours: int = 26,
+    neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
@@ -69,7 +69,7 @@ def from_volume(
     mesh
         The path of a file, or a PyVista mesh. Files except VTK's, .stl, .ply and .obj (such as .msh, .inp,
         .med, .mesh ...) are read by meshio: `pip install 'msdwarp[meshes]'`.
-    spacing, across, neighbours, material, mass, stiffness, damping
+    spacing, across, neighbors, material, mass, stiffness, damping
         As for `from_mesh`.
     scale
         Length of the file's unit [m]: 0.001 for millimetres.
@@ -91,7 +91,7 @@ def from_volume(
     surface = surface.scale(scale)
     constants = {"material": material, "mass": mass, "stiffness": stiffness, "damping": damping}
     try:
-        body = from_mesh(surface, spacing, across=across, neighbours=neighbours, **constants)
+        body = from_mesh(surface, spacing, across=across, neighbors=neighbors, **constants)
     except ValueError as error:
         if not isinstance(mesh, str | PathLike) or not str(error).startswith("mesh "):
             raise

@@ -9,6 +9,7 @@ from .ensemble import Ensemble
 from .ensemble_results import ENERGIES, GroupMean, observations
 from .gradient import ARRAYS, Gradient
 from .gradient_run import Differentiated, Frames
+from .modes import Modes, modes
 from .readback import Readback
 from .simulation import Simulation
 from .substep_chooser import SubstepChooser

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from ..engine import (
 from ..integrators import Integrator, StepChoice
 from .stepping import Stepping
 
-SHARE, SHARE_OF_SUBSTEPS = 1 / 4, 1 / 16
+MOST_MEMORY, MOST_FOR_SUBSTEPS = 1 / 4, 1 / 16
 """Most of the free memory that states at the start of all frames may take, and those of all substeps. On a CPU the
 frames that the loss gets take nearly as much again as the former, and its derivatives twice that."""
 
@@ -166,12 +167,13 @@ class Differentiated:
         x: Any = self._first[0]
         device, size, substeps = x.device, 2 * len(x) * x.strides[0], len(self._tape.states)
         free = device.free_memory if device.is_cuda else checks.free_memory()
-        many = free is not None and count * size > SHARE * free
+        many = free is not None and count * size > MOST_MEMORY * free
         self._every = math.isqrt(count - 1) + 1 if many else 1
         small = not device.is_cuda or len(x) <= MOST_KEPT
-        keep = small and free is not None and (count - 1) * substeps * size <= SHARE_OF_SUBSTEPS * free
+        keep = small and free is not None and (count - 1) * substeps * size <= MOST_FOR_SUBSTEPS * free
         self._tapes = [wp.empty_like(self._tape.storage) for _ in range(count - 1)] if keep else []
-        self._stepping.launch_substeps_by(self._launch_on_tape if keep else self._stepping.stepper.take)
+        on_tape = partial(self._tape.advance, self._stepping.state)
+        self._stepping.launch_substeps_by(on_tape if keep else self._stepping.stepper.take)
         self._checkpoints = [self._model.vectors_together(2) for _ in range(0, count, self._every)]
         self._between = [self._model.vectors_together(2) for _ in range(self._every - 1)]
 
@@ -285,13 +287,6 @@ class Differentiated:
     def _launch_again(self) -> None:
         """Launch a frame's substeps once more, without checks: the first run of the frame has passed them."""
         self._stepping.stepper.take(self._stepping.choice.substeps)
-
-    def _launch_on_tape(self, substeps: int, first: int) -> None:
-        """Launch substeps of a frame, from number `first` on, and keep all their states on the tape."""
-        now = self._stepping.state.x, self._stepping.state.v
-        copy_vectors(self._tape.states[first], now)
-        self._tape.launch(range(first, first + substeps))
-        copy_vectors(now, self._tape.states[first + substeps])
 
     def _launch_back(self) -> None:
         """Launch a frame's substeps again, and their adjoints."""

@@ -9,6 +9,7 @@ from ..bodies import Frame
 from ..engine import Assembly, Model, State
 from ..integrators import Integrator, StepChoice
 from ..runtime import ReleasedInTurn, in_turn
+from ..world import Problem
 from .gradient import Gradient, Loss, check_differentiable, differentiated, gradient
 from .gradient_run import Differentiated, Frames
 from .run import Run
@@ -44,6 +45,11 @@ class Present(ReleasedInTurn):
     def time(self) -> float:
         """Simulated time since the start [s]."""
         return self._run.time
+
+    @property
+    def problem(self) -> Problem:
+        """Bodies and what surrounds them, as last uploaded: at the start or at the last change."""
+        return self._run.problem
 
     @property
     def assembly(self) -> Assembly:

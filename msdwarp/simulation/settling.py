@@ -19,13 +19,15 @@ from .stepping import Stepping
 
 SUBSTEPS = 64
 """Substeps of a frame at first; the residual force is read between frames."""
-SHARE_OF_WEIGHT = 1e-3
+FRACTION_OF_WEIGHT = 1e-3
 """Default tolerance as a fraction of the mean weight of a particle."""
-SHARE_OF_START = 1e-4
+FRACTION_OF_START = 1e-4
 """Default tolerance without gravity, as a fraction of the largest force in the first frame."""
 SAFETY, LEAST_SAFETY = 0.6, 0.03
 """Fraction of the longest stable substep: h² λ = 1.44, see `msdwarp.kernels.integrators.fire`. If springs stiffen
 so fast that settling diverges, it begins again with shorter substeps, down to the least fraction."""
+MOST_SUBSTEPS = 200_000
+"""Default number of substeps after which settling ends, converged or not."""
 REFRESH = 8
 """Frames after which the stable substep is computed again."""
 FRAMES_TO_SEPARATE = 40
@@ -72,10 +74,10 @@ def settled(
     problem: Problem,
     assemble: Callable[..., Assembly],
     *,
-    tolerance: float | None,
-    most: int,
-    threads: int | str,
-    time: float,
+    tolerance: float | None = None,
+    most: int = MOST_SUBSTEPS,
+    threads: int | str = "auto",
+    time: float = 0.0,
     safety: float = SAFETY,
 ) -> tuple[Problem, Settled, dict[str, NDArray]]:
     """Return (the problem at rest in equilibrium, result, its contacts), under the loads at a `time` [s].
@@ -135,8 +137,8 @@ def settled(
         taken, frame, residual = taken + stepping.choice.substeps, frame + 1, fire.largest_force
         if tolerance is None and frame > first:
             free = int(np.isfinite(assembly.model.mass).sum())
-            fall = SHARE_OF_WEIGHT * weight(assembly.model) / max(free, 1)
-            tolerance = fall if fall > 0.0 else SHARE_OF_START * fire.strongest_force
+            fall = FRACTION_OF_WEIGHT * weight(assembly.model) / max(free, 1)
+            tolerance = fall if fall > 0.0 else FRACTION_OF_START * fire.strongest_force
         if frame % REFRESH == 0:
             check_near(system, stepping.frame(time).position)
             choice = choose_stable(rate_bounds(undamped, assembly, stepping.state), method, fps, safety=safety)

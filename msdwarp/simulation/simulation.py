@@ -20,7 +20,7 @@ from .frames import advance, change, settle
 from .properties import Present
 from .readings import Readings
 from .run import Run, check_supports
-from .settling import Settled
+from .settling import MOST_SUBSTEPS, Settled
 from .substep_chooser import SubstepChooser
 
 
@@ -288,7 +288,7 @@ class Simulation(Present):
         change(self._run, made, colliders, loads, contact)
 
     @exclusive
-    def settle(self, tolerance: float | None = None, *, substeps: int = 200_000) -> Settled:
+    def settle(self, tolerance: float | None = None, *, substeps: int = MOST_SUBSTEPS) -> Settled:
         """Move the system to static equilibrium, where it stays at rest; the time does not change.
 
         Fast inertial relaxation (FIRE; see `msdwarp.kernels.integrators.fire`) finds a minimum of the energy under

@@ -22,6 +22,7 @@ from ..engine import (
     EnergySums,
     FrozenWorlds,
     Rates,
+    Sensors,
     State,
     Stepper,
     Steps,
@@ -87,15 +88,15 @@ class Stepping:
         summed = self.assembly.sums_contact_forces
         forces = self.contact_forces = ContactForces(self.model, *contacts, seconds) if summed else None
         self._frame_sensors = sensors_of(dynamics, state, FRAME, 1, seconds, forces)
-        self._substep_sensors = sensors_of(dynamics, state, SUBSTEP, choice.substeps, seconds, forces)
+        sensors = self._substep_sensors = sensors_of(dynamics, state, SUBSTEP, choice.substeps, seconds, forces)
+        velocities = self.velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
         self.stepper = Stepper(
             dynamics,
             state,
             partial(own.substep, state, own.workspace(state), choice.step),
-            after_substep=None if self._substep_sensors is None else self._measure_substep,
+            after_substep=sensors and partial(_measure_substep, sensors, dynamics, state, velocities),
             blocks=blocks,
         )
-        self.velocities = Velocities(dynamics, state, own.lag * choice.step, own.staggered)
         self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
         several = (self.assembly, self.watch, dynamics.frozen, frozen)
         self.frozen = FrozenWorlds(*several) if self.model.in_worlds else None
@@ -338,13 +339,6 @@ class Stepping:
         if self._frame_sensors is not None:
             self._frame_sensors.launch(self.velocity() if self._frame_sensors.moves else self.state.v)
 
-    def _measure_substep(self, substep: int) -> None:
-        """Launch the probes that measure at the end of each substep."""
-        assert self._substep_sensors is not None
-        with self.dynamics.measuring():
-            v = self.velocity() if self._substep_sensors.moves else self.state.v
-            self._substep_sensors.launch(v, substep)
-
     def balance(self) -> EnergyBalance:
         """Return the energy balance of the current state, computed by separate launches."""
         sums = self._energy_sums = self._energy_sums or self._new_energy_sums()
@@ -398,3 +392,9 @@ class Stepping:
             position = position.astype(np.float64) - self.state.compensation.x.numpy()
             velocity = velocity.astype(np.float64) - self.state.compensation.v.numpy()
         return Frame(time, *(self.model.of_each(self.model.by_world(one)) for one in (position, velocity)))
+
+
+def _measure_substep(sensors: Sensors, dynamics: Dynamics, now: State, velocities: Velocities, k: int) -> None:
+    """Launch the probes that measure at the end of each substep."""
+    with dynamics.measuring():
+        sensors.launch(velocities.read() if sensors.moves else now.v, k)

@@ -11,7 +11,7 @@ from ..engine import EnergyBalance, rounding_energy, size, weight
 from ..integrators import MOST_SUBSTEPS, StepChoice, UnstableStep
 from .stepping import Stepping
 
-SHARE = 0.02
+MOST_RISE = 0.02
 """Allowed rise of the energy above its minimum, as a fraction of the scale.
 
 Rounding and a sufficiently short step cause smaller fluctuations of the conserved energy, even in a strongly
@@ -79,8 +79,8 @@ class StepController:
     """Chooses automatic substeps: the number that stability requires, times `refinement`.
 
     After a frame it checks the energy that the method conserves, minus external work. This energy can only fall.
-    If it has risen above its minimum by more than `SHARE` of its scale, the run goes back to the frame's start and
-    doubles the substeps. After quiet frames it tries fewer substeps. Checks become rare while energies stay in
+    If it has risen above its minimum by more than `MOST_RISE` of its scale, the run goes back to the frame's start
+    and doubles the substeps. After quiet frames it tries fewer substeps. Checks become rare while energies stay in
     their known range. Decisions ignore wall-clock time, so runs repeat and resume to the last bit.
     """
 
@@ -262,7 +262,7 @@ class StepController:
 
     def _allowed(self, balance: EnergyBalance | None = None) -> float:
         """Return the allowed rise of the energy above its least value so far [J]."""
-        return SHARE * self._scale_of(balance)
+        return MOST_RISE * self._scale_of(balance)
 
     def _scale_of(self, balance: EnergyBalance | None) -> float:
         """Return the scale of energies [J]."""

@@ -30,7 +30,7 @@ ROUNDS, WORTH = 4, 0.7
 """Maximal number of rounds of clouds; a round that leaves more than this fraction of the cost is the last."""
 UNCERTAIN = 1.0
 """Standard deviation of ln(value) above which a parameter counts as undetermined (`unseen`)."""
-SHARE = 0.3
+LARGE_COMPONENT = 0.3
 """A parameter is undetermined if an undetermined direction of θ, of length 1, has a larger component of it."""
 OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
 """A step is short enough if its error is below this fraction of the standard deviation, or of the value, or below
@@ -280,7 +280,7 @@ def _result(
     least = ABOVE_FLOOR * problem.hold(end)
     hidden = (sizes < least) | (s > UNCERTAIN * sizes) if rows >= p else np.ones(len(sizes), dtype=bool)
     parts = np.abs(directions[hidden])
-    unseen = [name for k, name in enumerate(names) if (parts[:, k] > SHARE).any() or rows < p]
+    unseen = [name for k, name in enumerate(names) if (parts[:, k] > LARGE_COMPONENT).any() or rows < p]
     of_theta = (directions[~hidden].T * (s / sizes[~hidden]) ** 2) @ directions[~hidden]
     messages = value_warnings(problem, theta, unseen, converged)
     step = np.zeros(rows)

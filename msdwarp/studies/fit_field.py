@@ -221,8 +221,8 @@ class FieldProblem:
 
         channel, last, theta, converged = self._channel, self._last, np.zeros(self.count), False
         bounds = [(-self._reach, self._reach)] * len(theta)
-        for share, steps in HORIZONS:
-            end = max(share * last, 1.0 / self._rate)
+        for fraction, steps in HORIZONS:
+            end = max(fraction * last, 1.0 / self._rate)
             if channel.until(end).any():
                 options = {"maxiter": min(steps, iterations), "ftol": ENOUGH}
                 how = {"jac": True, "method": "L-BFGS-B", "bounds": bounds, "options": options}

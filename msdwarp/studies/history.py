@@ -64,7 +64,7 @@ def _moments(trajectory: Trajectory, gravity: ArrayLike, schedule: Sequence[Chan
         if assembly.fracture is not None:
             assembly.fracture.restore({"broken_at": system.broken_at})
         state = State.from_system(system, assembly.model, 0)
-        height, centre = system.position[:, -1], system.centre_of_mass
+        height, centre = system.position[:, -1], system.center_of_mass
         heights = float(height.min()), float(centre[-1]), float(height.max())
         yield Moment(float(trajectory.times[k]), measure(assembly, state), *heights)
 

@@ -1,6 +1,7 @@
-"""Curves over time."""
+"""Curves over time, and pictures side by side."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,21 @@ def save_figure(figure: Any, path: str | Path) -> None:
     """Write a figure as a PNG file; raise OSError, which names the file, if that fails."""
     with disk.writing(Path(path)) as unfinished:
         figure.savefig(unfinished, dpi=150)
+
+
+def plot_pictures(pictures: Sequence[NDArray[np.uint8]], titles: Sequence[str], about: str, path: Path) -> None:
+    """Draw pictures of one size side by side, each below its title, as a PNG file; `about` is above all."""
+    columns = math.ceil(math.sqrt(len(pictures)))
+    rows = math.ceil(len(pictures) / columns)
+    height, width = pictures[0].shape[:2]
+    figure = new_figure(12, 12 / columns * rows * height / width + 0.3 * rows + 0.4)
+    figure.suptitle(about, parse_math=False)
+    for axes in (panels := figure.subplots(rows, columns, squeeze=False).ravel()):
+        axes.set_axis_off()
+    for axes, picture, title in zip(panels, pictures, titles, strict=False):
+        axes.imshow(picture)
+        axes.set_title(title)
+    save_figure(figure, path)
 
 
 def plot_log(csv_path: Path, png_path: Path) -> None:

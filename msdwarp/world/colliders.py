@@ -127,7 +127,7 @@ class Collider(metaclass=Described):
         """Return the radius of the largest inscribed ball [m]; inf for a half-space, which cannot be crossed."""
         return min((getattr(self, name) for name in self.lengths), default=math.inf)
 
-    def centre(self, dim: int) -> NDArray[np.float64]:
+    def center(self, dim: int) -> NDArray[np.float64]:
         """Return the point about which `motion` rotates the obstacle [m], shape [dim]."""
         return np.asarray(self.geometry(dim)["a"], dtype=np.float64)
 
@@ -138,7 +138,7 @@ class Collider(metaclass=Described):
         """
         if self.motion is None:
             return np.eye(dim), np.zeros(dim)
-        return pose(self.motion, self.centre(dim), time)
+        return pose(self.motion, self.center(dim), time)
 
 
 @dataclass(frozen=True, repr=False)
@@ -177,7 +177,7 @@ class Plane(Collider):
         """Return the normal as a, and the offset as the radius."""
         return {"a": self.unit_normal(dim), "radius": self.offset}
 
-    def centre(self, dim: int) -> NDArray[np.float64]:
+    def center(self, dim: int) -> NDArray[np.float64]:
         """Return the point of the plane nearest to the origin [m], about which `motion` rotates it."""
         return self.offset * self.unit_normal(dim)
 
@@ -267,7 +267,7 @@ class Capsule(Collider):
     places = ("start", "end")
     lengths = ("radius",)
 
-    def centre(self, dim: int) -> NDArray[np.float64]:
+    def center(self, dim: int) -> NDArray[np.float64]:
         """Return the midpoint of the segment [m]."""
         return (np.array(self.start) + self.end) / 2
 

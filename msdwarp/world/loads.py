@@ -72,6 +72,8 @@ class ElementLoad(Load):
     The file in `kernels/loads` that is named as that of the class has `evaluate`, see `kernels/loads/elements.py`.
     """
 
+    law: ClassVar[str] = "evaluate"
+    """Name of that function; a file with several loads has several."""
     stores: ClassVar[bool] = True
     """Whether the force is that of the energy that `evaluate` returns; else its work is external."""
 

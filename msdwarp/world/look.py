@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from .colliders import Plane
 
 OF_BODIES = ("color", "inside", "texture", "smooth", "gloss", "finish", "particles", "tube")
 """Fields that a body can set for itself; the others belong to the whole picture."""
+FLOORS = ("chequered", "plain", "shadows", "none")
 
 
 class Reflectance(NamedTuple):
@@ -73,7 +75,8 @@ class Look:
         Color of what is inside a solid that is torn or cut, "#rrggbb". None: that of the body, or the mean of its
         texture.
     texture
-        Image on the surface, mapped by texture coordinates, uint8 of shape [height, width, 3].
+        Image on the surface, mapped by texture coordinates: uint8 of shape [height, width, 3], or the path of a
+        file that Pillow reads, which is read at once.
     smooth
         Smooth shading (True) or flat shading (False).
     gloss
@@ -100,10 +103,13 @@ class Look:
         before, at the last and after. Empty: the camera stands still, or follows a group.
     background, ground
         Colors of the backdrop and of the ground beneath the body, "#rrggbb".
+    floor
+        How the ground is drawn: "chequered", for scale; "plain"; "shadows", in the color of the background, so
+        that only shadows are seen; or "none".
     obstacle
         Color of solid colliders, "#rrggbb". In strain colors it replaces their texture.
     obstacle_texture
-        Image on the colliders; `msdwarp.pictures.collider_meshes.mesh_of` describes its mapping.
+        Image on the colliders, given likewise; `msdwarp.pictures.collider_meshes.mesh_of` describes its mapping.
     obstacle_gloss
         Strength of highlights on solid colliders, 0 … 1. The ground has none.
     cut
@@ -124,7 +130,7 @@ class Look:
 
     color: str = "#d9603b"
     inside: str | None = None
-    texture: NDArray[np.uint8] | None = None
+    texture: Any = None
     smooth: bool = True
     gloss: float = 0.25
     finish: str = "matt"
@@ -137,8 +143,9 @@ class Look:
     path: Sequence[Viewpoint] = ()
     background: str = "#eef1f4"
     ground: str = "#cfd6dc"
+    floor: str = "chequered"
     obstacle: str = "#c9c3ba"
-    obstacle_texture: NDArray[np.uint8] | None = None
+    obstacle_texture: Any = None
     obstacle_gloss: float = 0.1
     cut: Plane | None = None
     strain: bool = False
@@ -149,10 +156,11 @@ class Look:
     def __post_init__(self) -> None:
         for name in ("color", "background", "ground", "obstacle"):
             checks.color(name, getattr(self, name))
+        checks.one_of("floor", self.floor, FLOORS)
         if self.inside is not None:
             checks.color("inside", self.inside)
         for name in ("texture", "obstacle_texture"):
-            _check_image(name, getattr(self, name))
+            object.__setattr__(self, name, _image(name, getattr(self, name)))
         checks.one_of("smooth", self.smooth, (False, True))
         checks.between("gloss", self.gloss, 0, 1)
         checks.one_of("finish", self.finish, tuple(FINISHES))
@@ -213,12 +221,23 @@ class Look:
         ]
 
 
-def _check_image(name: str, image: object) -> None:
-    """Raise ValueError unless `image` is None or a picture, uint8 of shape [height, width, 3]."""
+def _image(name: str, image: Any) -> NDArray[np.uint8] | None:
+    """Return an image, given as one or as the path of a file; raise ValueError or OSError if it is none."""
     if image is None:
-        return
+        return None
+    if isinstance(image, str | Path):
+        from PIL import Image, UnidentifiedImageError
+
+        if not Path(image).is_file():
+            raise FileNotFoundError(f"{name} is {str(image)!r}, and there is no such file")
+        try:
+            with Image.open(image) as opened:
+                return np.array(opened.convert("RGB"))
+        except UnidentifiedImageError as error:
+            raise ValueError(f"{name} is {str(image)!r}, which is no image that Pillow can read") from error
     given = np.asarray(image)
     if given.dtype != np.uint8 or given.ndim != 3 or given.shape[2] != 3 or not given.size:
         raise ValueError(
             f"{name} has shape {given.shape} and type {given.dtype}; it must be uint8 of shape (height, width, 3)"
         )
+    return image

@@ -22,8 +22,8 @@ BODIES = {
     "angle": lattice(ANGLE, 0.1, material=SOLID),
     "sheet": sheet((4, 3), 0.1, material=SOLID, thickness=THICKNESS, dim=2),
     "frame": lattice(FRAME, 0.1, material=SOLID, thickness=THICKNESS, dim=2),
-    "box of 6": box((4, 3, 5), 0.1, neighbours=6, material=SOLID),
-    "sheet of 4": sheet((4, 3), 0.1, neighbours=4, material=SOLID, thickness=THICKNESS, dim=2),
+    "box of 6": box((4, 3, 5), 0.1, neighbors=6, material=SOLID),
+    "sheet of 4": sheet((4, 3), 0.1, neighbors=4, material=SOLID, thickness=THICKNESS, dim=2),
     "chain": chain(4, 0.1, material=SOLID, area=AREA, dim=1),
 }
 VOLUMES = {

@@ -37,8 +37,8 @@ def test_every_field_goes_with_its_particle_or_connection():
 def test_what_joins_second_neighbours_is_known_by_another_number():
     cloth = sheet((5, 4), stiffness=100.0, bending=1e-3) + chain(3)
     other = cloth.renumbered(np.random.default_rng(3).permutation(cloth.particle_count))
-    assert cloth.between_neighbours is not None
-    lengths = [np.sort(one.rest_length[~one.between_neighbours]) for one in (cloth, other, other.renumbered())]
+    assert cloth.between_neighbors is not None
+    lengths = [np.sort(one.rest_length[~one.between_neighbors]) for one in (cloth, other, other.renumbered())]
     np.testing.assert_array_equal(lengths[1], lengths[0])
     np.testing.assert_array_equal(lengths[2], lengths[0])
     assert Simulation(other, device="cpu").model.force_algorithm in ("scatter", "gather")

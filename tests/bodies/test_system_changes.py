@@ -71,9 +71,9 @@ def test_rotate():
 
 
 def test_centre_of_mass_weighs_and_leaves_out_pinned_particles():
-    np.testing.assert_allclose(triangle().centre_of_mass, [1, 2], rtol=1e-15)  # (0+6+0)/6, (0+0+12)/6
-    np.testing.assert_allclose(triangle().pin(2).centre_of_mass, [2, 0], rtol=1e-15)
-    np.testing.assert_allclose(triangle().pin(slice(None)).centre_of_mass, [1, 4 / 3], rtol=1e-15)
+    np.testing.assert_allclose(triangle().center_of_mass, [1, 2], rtol=1e-15)  # (0+6+0)/6, (0+0+12)/6
+    np.testing.assert_allclose(triangle().pin(2).center_of_mass, [2, 0], rtol=1e-15)
+    np.testing.assert_allclose(triangle().pin(slice(None)).center_of_mass, [1, 4 / 3], rtol=1e-15)
 
 
 def test_spin_adds_a_rigid_rotation_without_momentum():
@@ -83,7 +83,7 @@ def test_spin_adds_a_rigid_rotation_without_momentum():
     momentum = (spun.mass[:, None] * (spun.velocity - system.velocity)).sum(axis=0)
     np.testing.assert_allclose(momentum, 0, rtol=0, atol=1e-13)  # sums of 12 terms of up to 40 kg m/s
     # Angular momentum L = I ω with the inertia tensor about the centre of mass.
-    arm = system.position - system.centre_of_mass
+    arm = system.position - system.center_of_mass
     m = system.mass[:, None]
     inertia = (m * arm**2).sum() * np.eye(3) - (m * arm).T @ arm
     found = np.cross(arm, m * (spun.velocity - system.velocity)).sum(axis=0)

@@ -11,7 +11,7 @@ from msdwarp.pictures.dressing import torn
 
 def torn_at_random(neighbours, share):
     """Return a body, turned, of whose connections some are broken from the start and some later."""
-    body = box((5, 4, 3), 0.1, neighbours=neighbours).rotate(0.4, (1, 2, 3))
+    body = box((5, 4, 3), 0.1, neighbors=neighbours).rotate(0.4, (1, 2, 3))
     random = np.random.default_rng(1)
     time = random.choice(
         [0.0, *random.uniform(0, 1, 5), np.inf], body.connection_count, p=[share / 6] * 6 + [1 - share]

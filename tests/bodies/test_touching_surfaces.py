@@ -72,10 +72,10 @@ def test_a_rope_touches_by_its_connections():
 
 
 def test_a_net_touches_by_its_cords_and_not_by_its_bending_springs():
-    found = contact_surfaces(sheet((5, 4), 0.1, neighbours=4).replace(surface=None))
+    found = contact_surfaces(sheet((5, 4), 0.1, neighbors=4).replace(surface=None))
     assert len(found.corner) == 4 * 4 + 5 * 3  # its cords along x and y
     np.testing.assert_array_equal(found.corner[:, 1], found.corner[:, 2])
-    stiff = sheet((5, 4), 0.1, neighbours=4, stiffness=100.0, bending=0.01).replace(surface=None)
+    stiff = sheet((5, 4), 0.1, neighbors=4, stiffness=100.0, bending=0.01).replace(surface=None)
     assert stiff.connection_count > 4 * 4 + 5 * 3
     np.testing.assert_array_equal(contact_surfaces(stiff).corner, found.corner)
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from runs import without_progress
 
-from msdwarp import Simulation, Trajectory
+from msdwarp import Simulation, Trajectory, modes
 from msdwarp.cli.options import Options
 from msdwarp.cli.process import COMPILING
 from msdwarp.cli.scene_files import find_scene
@@ -251,6 +251,30 @@ def test_tune_prints_flags_under_the_tolerance_and_run_takes_them(msdwarp):
     )
     drawn_less = ("--frames", "none", "--video", "none", "--duration", "0.1", "--device", "cpu")
     assert msdwarp("run", "chain", *flags.split(), *drawn_less)[0] == 0
+
+
+@pytest.mark.slow
+def test_modes_are_listed_and_drawn(msdwarp, tmp_path):
+    square = ("modes", "block2d", "--modes", "5")
+    code, out, _ = msdwarp(*square, "--plot", "shapes.png", "--films", "films")
+    assert code == 0
+    system = find_scene("block2d").scene().system
+    found = modes(system, 5)
+    listed = re.findall(r"│ (\d) +│ +(\S+) │ +(\S*) │ +(\S+) │", out)
+    assert [float(row[1]) for row in listed] == pytest.approx(found.frequencies, rel=1e-4)
+    assert [row[2] for row in listed[:3]] == ["", "", ""]  # in a plane three motions are rigid
+    assert float(listed[3][2]) == pytest.approx(found.damping_ratios[3], rel=1e-2)
+    assert sorted(path.name for path in (tmp_path / "films").iterdir()) == ["mode_04.webp", "mode_05.webp"]
+    with Image.open("shapes.png") as plot, Image.open("films/mode_04.webp") as film:
+        assert (plot.size[0], film.n_frames) == (1800, 48)
+    for flags in (("--plot", "shapes.png"), ("--films", "films")):
+        code, out, err = msdwarp(*square, *flags)
+        assert (code, out) == (1, "")
+        assert "which exists; name another file or add --force" in err
+    code, out, _ = msdwarp("modes", "block2d", "--modes", "3", "--plot", "other.png")
+    assert code == 0
+    assert "nothing is drawn" in out
+    assert not Path("other.png").exists()
 
 
 @pytest.mark.slow

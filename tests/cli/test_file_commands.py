@@ -6,7 +6,7 @@ from PIL import Image
 from trajectories import SYSTEMS, write
 
 from msdwarp import Trajectory, TrajectoryWriter, chain
-from msdwarp.cli.commands.draw import round_up
+from msdwarp.cli.commands.quantities import round_up
 
 PICTURES = ["--resolution", "128x72", "--frames", "none"]
 
@@ -144,3 +144,22 @@ def test_info_says_what_broke(msdwarp, tmp_path):
     code, out, _ = msdwarp("info", str(tmp_path / "a.vtkhdf"))
     assert code == 0
     assert "broken: 1 connection, from 0.01 to 0.01 s, beside 1 that were from the start" in out
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (("npz", "--color", "strain"), "color, body or cut is given; where to is 'npz' they must not be"),
+        (("npz", "--up", "y"), "up or scale is given; where to is 'npz' they must not be"),
+        (("obj", "--frame", "1", "--every", "2"), "every is 2; it must not be given beside frame"),
+        (("obj", "--every", "0"), "every is 0; it must be"),
+        (("obj", "--scale", "0"), "scale is 0; it must be"),
+        (("glb", "--body", "cat"), "body is 'cat'; it must be one of 'obstacles'"),
+        (("glb", "--body", "obstacles"), "body is obstacles; nothing of it can be drawn"),
+    ],
+)
+def test_flags_of_exports_that_cannot_be_are_told(msdwarp, tmp_path, flags, said):
+    write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3)
+    code, _, err = msdwarp("export", "a.vtkhdf", "--to", *flags)
+    assert (code, said in err) == (1, True), err
+    assert [path.name for path in tmp_path.iterdir()] == ["a.vtkhdf"]

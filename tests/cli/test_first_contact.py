@@ -27,7 +27,7 @@ SHORT = (*CUBE, "--duration", "0.1")
         ("run", "SCENE is missing (see `msdwarp run --help`)"),
         ("render", "FILE is missing (see `msdwarp render --help`)"),
         ("export x", "--to is missing (see `msdwarp export --help`)"),
-        ("export x --to pdf", "to is 'pdf'; it must be one of obj, stl, ply, gltf, usd, npz (see"),
+        ("export x --to pdf", "to is 'pdf'; it must be one of glb, usd, obj, ply, stl, npz (see"),
         ("render x --zoom near", "zoom is 'near'; it must be a number (see `msdwarp render --help`)"),
         ("list more", "'more' is one argument too many (see `msdwarp list --help`)"),
         ("run cube --siz 3", "unknown option: --siz. Did you mean --size? (see `msdwarp run cube --help`)"),

@@ -7,6 +7,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
+from PIL import Image
 from runs import SCENE, UNDRAWN, assert_same_run
 
 from msdwarp import Trajectory
@@ -251,3 +252,28 @@ def test_a_run_writes_what_probes_tell_and_goes_on_with_it(msdwarp, probed):
     assert steps.dtype.names == ("time_s", *(f"top_velocity_{axis}_m_s" for axis in "xyz"))
     assert len(steps) >= 2 * len(table)
     np.testing.assert_allclose(steps["time_s"][-1], 0.4, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_flags_of_pictures_change_what_is_drawn(msdwarp, tmp_path):
+    short, folder = ("--size", "4", "--device", "cpu", "--duration", "0.05", "--out", "run"), tmp_path / "run"
+    assert msdwarp("run", "cube", *short, "--resolution", "64x64", "--frames", "none", "--video", "none")[0] == 0
+    drawn = ("--frames", "png", "--transparent", "--overlay", "2")
+    assert msdwarp("resume", "run", *drawn)[2].startswith(
+        "error: overlay is given; it must not be with a transparent"
+    )
+    code, _, err = msdwarp("resume", "run", "--frames", "png", "--arrows")
+    assert (code, "which only a run with --contact-forces stores" in err) == (1, True)
+    assert not list(folder.glob("*.png"))
+    code, out, _ = msdwarp("resume", "run", "--duration", "0.1", "--frames", "png", "--transparent")
+    assert (code, "drew 7 frames" in out) == (0, True)
+    with Image.open(folder / "frame_0006.png") as picture:
+        assert (picture.mode, picture.size) == ("RGBA", (64, 64))  # the size is that of the run
+    assert "the run is complete" in msdwarp("resume", "run")[1]
+    code, _, err = msdwarp("resume", "run", "--azimuth", "40")
+    assert (code, "frame_0000.png exists, and would be replaced" in err) == (1, True)
+    before = {(folder / "frame_0006.png").read_bytes()}
+    for flags in (("--azimuth", "40"), ("--cut", "0,-1,0"), ("--cut", "0,-1,0", "--floor", "none")):
+        assert msdwarp("resume", "run", *flags, "--force")[0] == 0
+        before.add((folder / "frame_0006.png").read_bytes())
+    assert len(before) == 4

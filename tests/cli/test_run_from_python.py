@@ -49,7 +49,7 @@ def test_a_run_is_that_of_the_command(msdwarp, tmp_path):
 
 def test_a_run_draws_and_tells(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    drawn = UNDRAWN | {"frames": "png", "film": "gif", "quiet": False, "color": "strain"}
+    drawn = UNDRAWN | {"frames": "png", "film": "gif", "quiet": False, "color": "strain", "cut": (0, -1, 0)}
     msd.run(fall(), "out/fall", duration=0.05, resolution=(96, 64), target=(0, 0, 0.1), **drawn).close()
     assert {one.name for one in (tmp_path / "out/fall").iterdir()} == {
         *(f"frame_{k:04d}.png" for k in range(4)),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from trajectories import drawing_of
 
-from msdwarp import Look, Plane, Scene, Sphere, Trajectory, TrajectoryWriter, box, sheet
+from msdwarp import Look, Plane, Scene, Sphere, System, Trajectory, TrajectoryWriter, box, sheet
 from msdwarp.files import export
 from msdwarp.textures import gingham
 from msdwarp.world import FINISHES
@@ -35,7 +35,9 @@ def drawn(tmp_path, request):
     with TrajectoryWriter(tmp_path / "a.vtkhdf", system, fps=25) as writer:
         for k in range(4):
             position = system.position + 0.02 * random.normal(size=system.position.shape) + 0.1 * k
-            writer.write((k / 25, position.astype(np.float32), system.velocity))
+            writer.write(
+                (k / 25, position.astype(np.float32), random.normal(size=position.shape).astype(np.float32))
+            )
     with Trajectory(writer.path) as trajectory:
         path = tmp_path / "b.usd"
         export(trajectory, path, "usd", draw=drawing_of(trajectory, scene))
@@ -94,3 +96,67 @@ def test_materials_have_textures_and_colors(drawn, tmp_path):
     trajectory = drawn[1]
     with pytest.raises(FileExistsError, match="b_textures, which exists"):
         export(trajectory, tmp_path / "b.usd", "usd", draw=lambda *_: None)
+
+
+def test_ropes_are_curves_that_tear(tmp_path):
+    """A loop, and a rope that tears between its third and fourth particle; both have velocities."""
+    x = np.linspace(0.0, 0.5, 6)
+    ends = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 5]])
+    rope = System(position=np.stack([x, 0 * x, 0 * x], axis=1), connections=ends)
+    ring = System(position=[[0.0, 1, 0], [0.1, 1, 0], [0, 1, 0.1]], connections=[[0, 1], [1, 2], [0, 2]])
+    system = rope + ring
+    times = np.where(np.arange(8) == 2, 0.5 / 25, np.inf)
+    system = system.replace(break_strain=np.where(times < 1, 1.0, np.inf))
+    scene = Scene(system=system, look=Look(color="#3366cc", tube=0.01))
+    velocity = system.position + np.array([1.0, 2.0, 3.0])
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", system, fps=25) as writer:
+        for k in range(2):
+            writer.write((k / 25, system.position + np.array([0, 0, 0.1 * k]), velocity), broken_at=times)
+    with Trajectory(writer.path) as trajectory:
+        export(trajectory, tmp_path / "b.usd", "usd", up="y", scale=100.0, draw=drawing_of(trajectory, scene))
+    stage = usd.Stage.Open(str(tmp_path / "b.usd"))
+    assert (geometry.GetStageUpAxis(stage), geometry.GetStageMetersPerUnit(stage)) == ("Y", pytest.approx(0.01))
+    assert not meshes(stage)
+    curves = [geometry.BasisCurves(one) for one in stage.Traverse() if one.IsA(geometry.BasisCurves)]
+    for one, points, counts in zip(
+        curves, ([0, 1, 2, 3, 4, 5], [6, 7, 8, 6]), ([[6], [3, 3]], [[4], [4]]), strict=True
+    ):
+        assert one.GetWidthsAttr().Get() == pytest.approx([2.0])  # [cm]
+        for k in range(2):
+            assert list(one.GetCurveVertexCountsAttr().Get(k)) == counts[k]
+            for values, attribute in (
+                (system.position + np.array([0, 0, 0.1 * k]), one.GetPointsAttr()),
+                (velocity, one.GetVelocitiesAttr()),
+            ):
+                x, y, z = 100 * values[points].T
+                np.testing.assert_allclose(attribute.Get(k), np.stack([x, z, -y], axis=1), rtol=1e-6, atol=1e-5)
+
+
+def test_the_camera_follows_a_cut_body_that_travels(tmp_path):
+    cube = box((5, 5, 5), 0.1).named("cube")
+    scene = Scene(system=cube, colliders=[Plane(offset=-0.25)], look=Look(cut=Plane((0, -1, 0))))
+    way = 0.25 * np.arange(40)[:, None] * (1, 0, 0)
+    with TrajectoryWriter(tmp_path / "a.vtkhdf", cube, fps=20) as writer:
+        for k, shift in enumerate(way):
+            writer.write((k / 20, cube.position + shift, np.zeros((125, 3))))
+    with Trajectory(writer.path) as trajectory:
+        export(trajectory, tmp_path / "b.usd", "usd", draw=drawing_of(trajectory, scene))
+    stage = usd.Stage.Open(str(tmp_path / "b.usd"))
+    (camera,) = (geometry.Camera(one) for one in stage.Traverse() if one.IsA(geometry.Camera))
+    (body, *_) = meshes(stage)
+    for k in (0, 20, 39):
+        points = np.array(body.GetPointsAttr().Get(k)) - way[k]
+        assert points[:, 1].min() > -1e-6  # float32
+        view = np.linalg.inv(np.array(camera.GetCamera(k).transform))
+        across, up, back = (np.append(way[k], 1.0) @ view)[:3]
+        assert max(abs(across), abs(up)) < -0.1 * back  # near the middle of the picture
+        assert -back < 3.0  # at rest a camera that sees 10 m would be 12 m away
+
+
+def test_vertices_have_the_velocities_of_their_particles(drawn):
+    _, trajectory, stage = drawn
+    body = stage.GetPrimAtPath("/scene/cube")
+    points, velocities = (np.array(body.GetAttribute(name).Get(2)) for name in ("points", "velocities"))
+    (frame,) = (one for k, one in enumerate(trajectory) if k == 2)
+    nearest = np.linalg.norm(points[:, None] - frame.position, axis=2).argmin(axis=1)
+    np.testing.assert_array_equal(velocities, frame.velocity[nearest].astype(np.float32))

@@ -15,12 +15,12 @@ NOTCHED = np.ones((7, 6), dtype=bool)
 NOTCHED[5:, :2] = False
 SHEETS = {
     "sheet 8": sheet((7, 6), **CONSTANTS),
-    "sheet 4": sheet((5, 7), neighbours=4, **CONSTANTS),
+    "sheet 4": sheet((5, 7), neighbors=4, **CONSTANTS),
     "three by three": sheet((3, 3), **CONSTANTS),
     "one cell wide": sheet((2, 6), **CONSTANTS),
     "notched": lattice(NOTCHED, **CONSTANTS),
     "two": sheet((5, 4), **CONSTANTS) + sheet((5, 4), **CONSTANTS).translate((0, 0, 3)),
-    "beside a box": box((3, 3, 3), neighbours=6) + sheet((5, 4), **CONSTANTS).translate((0, 0, 5)),
+    "beside a box": box((3, 3, 3), neighbors=6) + sheet((5, 4), **CONSTANTS).translate((0, 0, 5)),
 }
 every_sheet = pytest.mark.parametrize("name", SHEETS)
 
@@ -45,7 +45,7 @@ def test_a_sheet_of_too_many_kinds_is_no_lattice(values):
 @pytest.mark.parametrize("break_strain", [0.05, np.inf])
 def test_a_stencil_of_kinds_moves_and_tears_worlds_as_scattering_does(break_strain):
     body = SHEETS["sheet 8"].pin(np.arange(42) < 7)
-    body = body.replace(break_strain=np.where(body.between_neighbours, break_strain, np.inf))
+    body = body.replace(break_strain=np.where(body.between_neighbors, break_strain, np.inf))
     worlds, how = {"gravity": [40.0, 20.0]}, {"device": "cpu", "precision": "float64", "substeps": 40}
     found = []
     for force_algorithm in ("scatter", "stencil"):
@@ -117,7 +117,7 @@ def test_a_strip_swings_about_the_sag_of_a_beam(device):
     # D = E t³/12, in its lowest mode for the most part, of ω = 3.516 √(D/(ρ t L⁴)): over a period the mean is the
     # sag, but for the second mode, of 1/40 of the first and 6.27 times its frequency.
     stuff, thickness, spacing, cells = Material(density=1000.0, youngs_modulus=1e6), 0.01, 0.05, 8
-    system = sheet((cells + 2, 3), spacing, neighbours=4, material=stuff, thickness=thickness, bending="material")
+    system = sheet((cells + 2, 3), spacing, neighbors=4, material=stuff, thickness=thickness, bending="material")
     column = np.arange(system.particle_count) % (cells + 2)
     length, rigidity = (cells + 0.5) * spacing, 1e6 * thickness**3 / 12
     sag = 1000.0 * thickness * 0.02 * length**4 / (8 * rigidity)
@@ -140,7 +140,7 @@ def test_the_largest_strain_is_that_of_connections_between_neighbours(device):
     strain = np.abs(system.strain)
     # Positions of up to 6 m, rounded, over lengths of half a metre and more.
     tolerance = 100 * PRECISIONS["float32"]
-    assert measures.largest_strain == pytest.approx(strain[system.between_neighbours].max(), rel=tolerance)
+    assert measures.largest_strain == pytest.approx(strain[system.between_neighbors].max(), rel=tolerance)
     energy = (system.stiffness * (system.length - system.rest_length) ** 2).sum() / 2
     assert measures.elastic_energy == pytest.approx(energy, rel=tolerance)
     flat = Simulation(SHEETS["two"], device=device).measure()

@@ -99,7 +99,7 @@ def test_die_slides_as_far_as_coulomb_says(device, h):
     simulation = simulate(die, Plane(friction=mu, restitution=0.5), device, h=h, substeps=round(0.05 / h))
     simulation.step(16)  # 0.8 s; it stops after v/μg = 0.61 s
     now = simulation.snapshot()
-    moved = now.centre_of_mass[0] - die.centre_of_mass[0]
+    moved = now.center_of_mass[0] - die.center_of_mass[0]
     assert moved == pytest.approx(v**2 / (2 * mu * G), rel=0.01)
     # Stopped, but for the swing that is left when friction ends: at most μ g / ω = 0.03 m/s with ω of the
     # slowest shear mode, √(k/m)/2 or above. Of the travel it is 0.2 mm.

@@ -36,7 +36,7 @@ def test_a_ball_cut_from_a_lattice_rolls_on_its_surface(plain_device):
     radius, slope, speed = 0.15, math.radians(20.0), 0.8
     body = ball(radius, 0.05, mass=0.01, stiffness=1e4, damping=4.0).rotate(0.9, (1.0, 2.0, 3.0))
     body = body.translate((0, 0, radius)).with_velocity((speed, 0, 0)).spin((0, speed / radius, 0))
-    moment = 2 / 3 * (body.mass[:, None] * (body.position - body.centre_of_mass) ** 2).sum()
+    moment = 2 / 3 * (body.mass[:, None] * (body.position - body.center_of_mass) ** 2).sum()
     expected = G * math.sin(slope) / (1 + moment / (body.mass.sum() * radius**2))
     simulation = Simulation(
         body,
@@ -71,7 +71,7 @@ def test_a_ball_rolls_on_a_slab_and_loses_what_restitution_takes(plain_device, r
     slab = box((31, 7, 2), 0.05, mass=float("inf"), stiffness=1e4, damping=4.0)
     slab = slab.translate((0.5, 0.0, -slab.position[:, 2].max()))
     body = body.translate((0, 0.013, radius)).with_velocity((speed, 0, 0)).spin((0, speed / radius, 0))
-    inertia = 1 + 2 / 3 * ((body.position - body.centre_of_mass) ** 2).sum(axis=1).mean() / radius**2
+    inertia = 1 + 2 / 3 * ((body.position - body.center_of_mass) ** 2).sum(axis=1).mean() / radius**2
     simulation = Simulation(
         slab + body,
         gravity=(G * math.sin(slope), 0, -G * math.cos(slope)),

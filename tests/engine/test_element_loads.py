@@ -16,8 +16,8 @@ from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.engine.stepping.assemble import assemble
 from msdwarp.world import ElementLoad, Problem
 
-K = 36.0
-"""Stiffness of the bonds [N/m]."""
+K, C = 36.0, 4.0
+"""Stiffness of the bonds [N/m], and of the anchors over the mass that they hold [1/s²]."""
 
 
 @functools.cache
@@ -45,6 +45,28 @@ class Bonds(ElementLoad):
         return np.stack([first, first + 1], axis=1), np.full((len(first), 1), K)
 
 
+@functools.cache
+def hold(dim: int, scalar: type):
+    """Compose the force that pulls a particle to the origin, and its energy."""
+    Own, Rows = wp.types.vector(1, scalar), wp.types.matrix((1, dim), scalar)
+
+    @wp.func
+    def pull_back(own: Own, x: Rows, v: Rows):
+        return -own[0] * x, scalar(0.5) * own[0] * wp.dot(x[0], x[0])
+
+    return pull_back
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Anchors(ElementLoad):
+    """Anchors of all particles, a second law in this file."""
+
+    law = "hold"
+
+    def elements(self, system):
+        return np.arange(system.particle_count)[:, None], C * system.mass[:, None]
+
+
 @pytest.fixture(autouse=True)
 def in_kernels(monkeypatch):
     """Have this file stand for one in `kernels/loads`."""
@@ -58,14 +80,17 @@ def two(dim: int) -> System:
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_two_particles_swing_about_their_centre(dim, plain_device):
-    # ω² = k (1/m + 1/M) = 45 s⁻²; RK4 errs by (hω)⁴ ωt / 120 of the amplitude: hω = 6.7/600.
+    # ω² = k (1/m + 1/M) + c = 49 s⁻²; RK4 errs by (hω)⁴ ωt / 120 of the amplitude: hω = 7/600. Their centre swings
+    # with ω² = c, since each anchor is as stiff as its particle is heavy.
     options = {"gravity": 0.0, "precision": "float64", "fps": 10.0, "substeps": 60, "device": plain_device}
-    simulation = Simulation(two(dim), loads=[Bonds()], integrator=RK4(), **options)
+    simulation = Simulation(two(dim), loads=[Bonds(), Anchors()], integrator=RK4(), **options)
     simulation.step(10)
     apart = np.diff(simulation.frame().position, axis=0)[0]
     start = np.diff(two(dim).position, axis=0)[0]
-    np.testing.assert_allclose(apart, start * math.cos(math.sqrt(45.0)), rtol=0, atol=3 * 0.0112**4 * 6.7 / 120)
-    np.testing.assert_allclose(two(dim).mass @ simulation.frame().velocity, 0.0, rtol=0, atol=1e4 * EPS64)
+    np.testing.assert_allclose(apart, start * math.cos(7.0), rtol=0, atol=3 * 0.0117**4 * 7 / 120)
+    moment = two(dim).mass @ two(dim).position
+    swung = two(dim).mass @ simulation.frame().position
+    np.testing.assert_allclose(swung, moment * math.cos(2.0), rtol=0, atol=12 * (2 / 600) ** 4 * 2 / 120)
 
 
 def test_the_bound_of_the_step_follows_from_its_derivatives(plain_device):

@@ -11,19 +11,19 @@ from msdwarp.engine.model.lattice import NotALattice, find_lattice
 SHAPES = {
     "pair": ((2,), 2, chain(2)),
     "chain": ((7,), 2, chain(7, 0.5, dim=1)),
-    "sheet 4": ((5, 3), 4, sheet((5, 3), 0.3, neighbours=4)),
+    "sheet 4": ((5, 3), 4, sheet((5, 3), 0.3, neighbors=4)),
     "sheet 8": ((5, 3), 8, sheet((5, 3), 0.3, dim=2)),
     "smallest sheet": ((2, 2), 8, sheet((2, 2))),  # x−y leads one particle back, as x leads one ahead
     "ladder along x": ((5, 2), 8, sheet((5, 2))),
     "ladder along y": ((2, 5), 8, sheet((2, 5))),
-    "box 6": ((3, 4, 5), 6, box((3, 4, 5), neighbours=6)),
+    "box 6": ((3, 4, 5), 6, box((3, 4, 5), neighbors=6)),
     "box 26": ((3, 4, 5), 26, box((3, 4, 5), 0.1)),
     # In these, other directions lead equally far through memory: in 2 × 2 × n both y−z and −x−y lead to −2.
     "smallest box": ((2, 2, 2), 26, box((2, 2, 2))),
     "bar along x": ((5, 2, 2), 26, box((5, 2, 2))),
     "bar along y": ((2, 5, 2), 26, box((2, 5, 2))),
     "bar along z": ((2, 2, 5), 26, box((2, 2, 5))),
-    "thin bar 6": ((2, 2, 5), 6, box((2, 2, 5), neighbours=6)),
+    "thin bar 6": ((2, 2, 5), 6, box((2, 2, 5), neighbors=6)),
     "plate": ((3, 2, 4), 26, box((3, 2, 4))),
     "oblong cells": ((3, 4, 5), 26, box((3, 4, 5), (0.1, 0.25, 0.4))),
 }
@@ -93,7 +93,7 @@ SEVERAL = {
     "boxes": box((3, 3, 3), 0.2, stiffness=50.0) + box((2, 4, 5), 0.1, stiffness=9.0, damping=1.0),
     "box, sheet and chain": box((3, 3, 3)) + sheet((4, 3), 0.5) + chain(6, 0.3),
     "chain, sheet and box": chain(6, 0.3) + sheet((4, 3), 0.5) + box((3, 3, 3)),
-    "box 6 and box 26": box((3, 4, 3), neighbours=6) + box((3, 4, 3)),
+    "box 6 and box 26": box((3, 4, 3), neighbors=6) + box((3, 4, 3)),
     "balls": problems.ball(5) + problems.ball(6, stiffness=20.0),
 }
 
@@ -140,12 +140,12 @@ def test_a_hole_in_a_row_parts_neighbours_that_diagonals_need():
     keep = np.arange(25) != 12
     with pytest.raises(NotALattice, match="do not lie side by side"):
         find_lattice(problems.cut(sheet((5, 5)), keep))
-    lattice_of(problems.cut(sheet((5, 5), neighbours=4), keep))  # without diagonals there is one in that row
+    lattice_of(problems.cut(sheet((5, 5), neighbors=4), keep))  # without diagonals there is one in that row
 
 
 def test_a_sheet_woven_downwards_is_a_lattice():
     # All of y in reverse: rows are then numbered from the top, which is as good.
-    grid = sheet((4, 3), neighbours=4)
+    grid = sheet((4, 3), neighbors=4)
     connections = np.array(grid.connections)
     part = grid.direction("y")
     connections[part] = connections[part, ::-1]

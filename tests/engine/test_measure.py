@@ -124,7 +124,7 @@ def test_free_flight_changes_momenta_as_gravity_says(device, dim):
     # About the centre of mass nothing turns it: L − c × p is kept.
     own = []
     for measures, now in ((before, system), (after, simulation.snapshot())):
-        c, p = now.centre_of_mass, measures.momentum
+        c, p = now.center_of_mass, measures.momentum
         orbital = np.cross(c, p) if dim == 3 else np.array([c[0] * p[1] - c[1] * p[0]])
         own.append(measures.angular_momentum - orbital)
     np.testing.assert_allclose(own[1], own[0], rtol=0, atol=1e-9)

@@ -27,7 +27,7 @@ from msdwarp import (
 )
 from msdwarp.engine.collision.body_contact import BodyContact
 from msdwarp.engine.stepping.assemble import assemble
-from msdwarp.engine.stepping.cpu_partition import LEAST_SHARE, THREADS, PartitionedGraph, threads_for
+from msdwarp.engine.stepping.cpu_partition import LEAST_WORK, THREADS, PartitionedGraph, threads_for
 from msdwarp.world import Problem
 
 FORCE_ALGORITHMS = ("scatter", "gather", "stencil")
@@ -158,11 +158,11 @@ def test_automatic_threads_go_by_the_body(monkeypatch):
     monkeypatch.setattr("msdwarp.engine.stepping.cpu_partition.cores", lambda: 4)
     assert threads_for(model((3, 3, 3)), "auto") == 1
     middle = model((11, 11, 11))
-    assert 2 * LEAST_SHARE < middle.model.connection_count < 3 * LEAST_SHARE
+    assert 2 * LEAST_WORK < middle.model.connection_count < 3 * LEAST_WORK
     assert threads_for(middle, "auto") == 2
     assert threads_for(model((20, 20, 20)), "auto") == 4
     small = box((10, 9, 10), stiffness=100.0)
-    assert LEAST_SHARE < small.connection_count < 2 * LEAST_SHARE
+    assert LEAST_WORK < small.connection_count < 2 * LEAST_WORK
     assert threads_for(assemble(Problem(system=small), device="cpu"), "auto") == 1
     assert (
         threads_for(assemble(Problem(system=small, contact=Contact()), device="cpu"), "auto") == 2

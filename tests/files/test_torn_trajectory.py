@@ -91,7 +91,7 @@ def test_paraview_sees_it(tmp_path, vtk_output):
 @pytest.mark.parametrize(("neighbours", "edge"), [(8, 1), (4, 0)])
 def test_a_triangle_parts_when_its_corners_are_no_longer_joined(neighbours, edge):
     # Of three edges the second that breaks parts it, of two, where the diagonal is no connection, the first.
-    body = sheet((2, 2), 1.0, neighbours=neighbours)
+    body = sheet((2, 2), 1.0, neighbors=neighbours)
     surface, times = body.surface, np.arange(1.0, body.connection_count + 1)
     assert surface is not None
     joined = {frozenset(map(int, pair)): time for pair, time in zip(body.connections, times, strict=True)}

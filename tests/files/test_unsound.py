@@ -205,7 +205,7 @@ def test_positions_that_are_no_numbers_are_not_exported(path, tmp_path):
 
     changed(path, spoil)
     with Trajectory(path) as found:
-        for to in ("obj", "npz", "gltf"):
+        for to in ("obj", "npz", "glb"):
             with pytest.raises(ValueError, match=r"frame 1 of .* is damaged: position\[5, 1\] is nan"):
                 export(found, tmp_path / f"b.{to}", to, draw=drawing_of(found))
             assert not (tmp_path / "b_0001.obj").exists()

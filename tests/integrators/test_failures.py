@@ -68,7 +68,7 @@ def test_particles_that_start_in_one_place_stay_finite():
     simulation.step(600)
     now = simulation.snapshot()
     assert np.isfinite(now.position).all()
-    np.testing.assert_allclose(now.centre_of_mass, system.centre_of_mass, rtol=0, atol=1e-12)  # no force without
+    np.testing.assert_allclose(now.center_of_mass, system.center_of_mass, rtol=0, atol=1e-12)  # no force without
     np.testing.assert_allclose(now.length, 1.0, rtol=0, atol=1e-2)  # γ ≥ 0.25/s for 10 s: e^-2.5 of 0.5 swings
 
 
@@ -122,12 +122,12 @@ def zero_modes(system: System) -> int:
 def test_a_lattice_without_diagonals_shears_line_by_line(shape):
     # Lines keep their lengths iff each moves as one along itself: in a sheet a row is free in x, a column in y.
     if len(shape) == 2:
-        assert zero_modes(sheet(shape, neighbours=4, dim=2)) == sum(shape)
-        assert zero_modes(sheet(shape, neighbours=8, dim=2)) == 3  # two translations and a rotation
+        assert zero_modes(sheet(shape, neighbors=4, dim=2)) == sum(shape)
+        assert zero_modes(sheet(shape, neighbors=8, dim=2)) == 3  # two translations and a rotation
     else:
         a, b, c = shape
-        assert zero_modes(box(shape, neighbours=6)) == a * b + b * c + c * a
-        assert zero_modes(box(shape, neighbours=26)) == 6
+        assert zero_modes(box(shape, neighbors=6)) == a * b + b * c + c * a
+        assert zero_modes(box(shape, neighbors=26)) == 6
 
 
 @pytest.mark.slow
@@ -135,7 +135,7 @@ def test_block_without_diagonals_collapses():
     # The report's figure 8, a little askew so that it has a side to fall to.
     heights = {}
     for neighbours in (6, 26):
-        body = box((4, 4, 4), neighbours=neighbours, stiffness=2000.0, damping=20.0)
+        body = box((4, 4, 4), neighbors=neighbours, stiffness=2000.0, damping=20.0)
         body = body.rotate(0.02, axis=(1, 2, 0.5)).translate((0, 0, 1.6))
         simulation = Simulation(body, colliders=[Plane()], device="cpu", precision="float64")
         simulation.step(300)

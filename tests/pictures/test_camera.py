@@ -7,7 +7,7 @@ import pytest
 from backends import BACKENDS
 
 import msdwarp as msd
-from msdwarp.pictures import still
+from msdwarp.pictures import exposure
 from msdwarp.pictures.stage import Stage, _smooth
 from msdwarp.world.stored_scene import scene_as_stored, scene_from_stored
 
@@ -33,7 +33,7 @@ def reddish(image):
 @pytest.mark.parametrize("angle", [10.0, 30.0, 90.0])
 def test_a_body_appears_where_its_field_of_view_puts_it(cube, backend, angle):
     """A camera 2 m from the middle of a cube sees 4 m tan(angle / 2) over the picture's height there."""
-    centre = tuple(cube.centre_of_mass)
+    centre = tuple(cube.center_of_mass)
     scene = scene_of(cube, azimuth=0, elevation=0, target=centre, distance=2.0, field_of_view=angle)
     renderer = msd.Renderer(scene, cube.position, resolution=SIZE, backend=backend)
     rows, _ = reddish(renderer.image(cube.position))
@@ -93,7 +93,7 @@ def test_a_camera_on_a_path_follows_its_body(cube):
     stage = Stage(scene_of(named, path=points, follow="cube"), named.position, SIZE)
     for time, azimuth in ((0.0, 0.0), (1.0, 90.0)):
         camera = stage.camera_at(time, named.position + way)
-        np.testing.assert_allclose(camera.target, named.centre_of_mass + way, atol=1e-12)  # rounding
+        np.testing.assert_allclose(camera.target, named.center_of_mass + way, atol=1e-12)  # rounding
         away = camera.eye - camera.target
         assert math.degrees(math.atan2(away[1], away[0])) == pytest.approx(azimuth)
 
@@ -115,7 +115,7 @@ def test_a_still_is_the_mean_of_shifted_views(cube, backend):
     fine = msd.Renderer(scene, cube.position, resolution=(8 * SIZE[0], 8 * SIZE[1]), backend=backend)
     exact = fine.image(cube.position).reshape(SIZE[1], 8, SIZE[0], 8, 3).mean(axis=(1, 3))
     plain = coarse.image(cube.position)
-    smooth = still(coarse, range(32), cube.position)
+    smooth = exposure(coarse, [(cube.position, 0.0, None, None)] * 32)
     near = np.ptp(exact[1:-1, 1:-1], axis=2) > 40  # the body and its edges; shadows on the ground are grey
     # Samples may lie half a pixel beside their pixel: at edges, a tenth of these pixels, that is a slight blur.
     assert np.abs(smooth - exact)[1:-1, 1:-1][near].mean() < 1.0  # of 255

@@ -231,7 +231,7 @@ def test_the_shadow_of_an_obstacle_ends_where_it_meets_the_ground(body, backend)
     towards = renderer.stage.camera.light * (1, 1, 0) / np.linalg.norm(renderer.stage.camera.light[:2])
     assert brightness(np.array([1.2, 0, 0]) + (rim + 0.08) * towards) == pytest.approx(1.0, abs=0.02)
     body_shadow = (
-        body.centre_of_mass - body.centre_of_mass[2] / renderer.stage.camera.light[2] * renderer.stage.camera.light
+        body.center_of_mass - body.center_of_mass[2] / renderer.stage.camera.light[2] * renderer.stage.camera.light
     )
     assert brightness(body_shadow) == pytest.approx(SHADOW, abs=0.02)
 

@@ -213,7 +213,7 @@ def test_the_body_its_shadow_and_the_backdrop_are_where_they_belong(scene, backe
     image = renderer.image(system.position).astype(int)
     assert image.shape == (180, 320, 3)
 
-    centre = system.centre_of_mass
+    centre = system.center_of_mass
     red, green, _ = image[pixel_of(renderer, centre)]
     assert (red > 2 * green) if coloring == "texture" else (green > red)
 
@@ -323,19 +323,19 @@ def test_a_sheet_on_the_ground_hides_it_though_it_sinks_in(backend):
 def test_springs_to_second_neighbours_are_not_drawn():
     # They would hide what they lie along.
     plain, bent = msd.sheet((5, 4)), msd.sheet((5, 4), bending=20.0)
-    np.testing.assert_array_equal(bent.connections[bent.between_neighbours], plain.connections)
-    assert plain.between_neighbours is None
+    np.testing.assert_array_equal(bent.connections[bent.between_neighbors], plain.connections)
+    assert plain.between_neighbors is None
     drawn = [Drawing(msd.Scene(system=one), "strain") for one in (bent, plain)]
     assert len(drawn[0].triangles) == len(drawn[1].triangles)
     both = plain + bent
     np.testing.assert_array_equal(
-        both.between_neighbours, np.append(np.ones(plain.connection_count, bool), bent.between_neighbours)
+        both.between_neighbors, np.append(np.ones(plain.connection_count, bool), bent.between_neighbors)
     )
 
 
 def test_directions_of_other_names_are_drawn():
     named = msd.sheet((3, 3)).replace(directions=({"layer 2": slice(0, 6), "x2": slice(6, 9)},))
-    assert named.between_neighbours is None
+    assert named.between_neighbors is None
 
 
 SIZE = (320, 180)

@@ -95,6 +95,25 @@ def test_a_look_of_a_part_colors_its_part_of_the_section():
     np.testing.assert_allclose([corners[:, 0].min(), corners[:, 0].max()], [-0.5, -0.1], atol=1e-6)
 
 
+@pytest.mark.parametrize("coloring", ["texture", "strain"])
+def test_of_chosen_bodies_alone_is_a_section_drawn(coloring):
+    ball, cube = BALL.named("ball"), BOX.translate((1.5, 0.0, 0.2)).named("cube")
+    both, plane = msd.Scene(system=ball + cube, colliders=[msd.Box((0, 0, -2), (1, 1, 1))]), msd.Plane((0, 0, -1))
+    both = both.replace(look=msd.Look(cut=plane))
+    found = [Drawing(both, coloring, bodies=[name]) for name in ("ball", "cube")]
+    for drawing, body in zip(found, (ball, cube), strict=True):
+        drawing.follow(both.system.position)
+        alone = cut(body, plane, coloring)
+        assert not drawing.obstacles
+        sizes = [volume_and_plane_area(one, (0, 0, -1)) for one in (drawing, alone)]
+        np.testing.assert_allclose(*sizes, rtol=1e-5, atol=1e-5)  # of float32 places
+        assert [len(part.triangles) for part in drawing.body] == [len(part.triangles) for part in alone.body]
+    beside = both.replace(look=msd.Look(cut=msd.Plane((1, 0, 0), 0.7)))
+    with pytest.raises(ValueError, match=r"look\.cut is .*, which leaves nothing of cube to draw"):
+        Drawing(beside, coloring, bodies=["cube"])
+    assert len(Drawing(beside, coloring, bodies=["obstacles"]).obstacles) == 1
+
+
 def test_shells_and_sheets_have_no_inside_and_ropes_end():
     shell, rope = msd.shell(msd.icosphere(0.5, 2)), msd.chain(5, 0.1).rotate(np.pi / 2)
     hollow = cut(shell, AXIS)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy import ndimage
 
 import msdwarp as msd
@@ -135,3 +136,16 @@ def test_an_atlas_shows_each_image_as_if_it_were_alone(sizes):
 def test_bad_arguments_are_named(paint, message):
     with pytest.raises(ValueError, match=message):
         paint()
+
+
+def test_a_texture_may_be_the_path_of_an_image(tmp_path):
+    image = np.random.default_rng(0).integers(0, 256, (4, 5, 3), dtype=np.uint8)
+    Image.fromarray(image).save(tmp_path / "wood.png")
+    look = msd.Look(texture=tmp_path / "wood.png", obstacle_texture=str(tmp_path / "wood.png"))
+    np.testing.assert_array_equal(look.texture, image)
+    np.testing.assert_array_equal(look.obstacle_texture, image)
+    with pytest.raises(FileNotFoundError, match=r"texture is .*oak\.png', and there is no such file"):
+        msd.Look(texture=tmp_path / "oak.png")
+    (tmp_path / "oak.png").write_text("oak")
+    with pytest.raises(ValueError, match=r"texture is .*oak\.png', which is no image"):
+        msd.Look(texture=tmp_path / "oak.png")

@@ -49,7 +49,7 @@ def test_without_bending_a_sheet_is_what_it_was(none):
 
 @pytest.mark.parametrize("neighbours", [4, 8])
 def test_springs_lead_to_second_neighbours(neighbours):
-    system = sheet((5, 4), SPACING, neighbours=neighbours, **CONSTANTS)
+    system = sheet((5, 4), SPACING, neighbors=neighbours, **CONSTANTS)
     names = ["x", "y", "x+y", "x-y"][: neighbours // 2]
     assert list(system.directions[0]) == [*names, *("2x", "2y", "2x+2y", "2x-2y")[: neighbours // 2]]
     steps = {"2x": (2, 0), "2y": (0, 2), "2x+2y": (2, 2), "2x-2y": (2, -2)}
@@ -76,10 +76,10 @@ HOLED[7:, :2] = False
 @pytest.mark.parametrize("kind", [SOLID, CONSTANTS], ids=["material", "constants"])
 def test_a_flat_sheet_is_balanced_up_to_its_rim(kind, neighbours):
     for system in (
-        sheet((7, 6), SPACING, neighbours=neighbours, **kind),
-        sheet((2, 6), SPACING, neighbours=neighbours, **kind),
-        sheet((3, 3), SPACING, neighbours=neighbours, **kind),
-        lattice(HOLED, SPACING, neighbours=neighbours, **kind),
+        sheet((7, 6), SPACING, neighbors=neighbours, **kind),
+        sheet((2, 6), SPACING, neighbors=neighbours, **kind),
+        sheet((3, 3), SPACING, neighbors=neighbours, **kind),
+        lattice(HOLED, SPACING, neighbors=neighbours, **kind),
     ):
         # As many forces as meet in a particle are added, each rounded some times.
         assert np.abs(flat_forces(system)).max() < 100 * EPS * system.stiffness.max() * SPACING
@@ -108,7 +108,7 @@ def test_no_spring_bridges_a_hole_or_a_notch(solid):
 def test_energy_of_a_cylinder(turn):
     # Particles lie on a circle, neighbours a chord of one spacing apart: only what joins second ones changes.
     nx, ny = 9, 13
-    system = sheet((nx, ny), SPACING, neighbours=4, **SOLID)
+    system = sheet((nx, ny), SPACING, neighbors=4, **SOLID)
     heading = turn * np.arange(nx - 1)
     line = np.zeros((nx, 3))
     line[1:, 0], line[1:, 2] = np.cumsum([np.cos(heading), np.sin(heading)], axis=1) * SPACING
@@ -163,7 +163,7 @@ def strip(cells: int, wide: int, **kind) -> float:
 @pytest.mark.parametrize("cells", [4, 8, 16, 32])
 @pytest.mark.parametrize("wide", [1, 3])
 def test_sag_of_a_clamped_strip_is_that_of_a_beam(cells, wide):
-    assert strip(cells, wide, neighbours=4) == pytest.approx(1.0, abs=1 / cells**2)
+    assert strip(cells, wide, neighbors=4) == pytest.approx(1.0, abs=1 / cells**2)
 
 
 def test_sag_of_a_clamped_strip_with_diagonals():

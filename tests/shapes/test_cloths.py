@@ -83,7 +83,7 @@ def test_a_cloth_of_a_material_weighs_what_it_should():
 
 
 def test_a_flat_cloth_in_two_coordinates():
-    system = msd.cloth(star(5, 0.4), 0.1, dim=2, neighbours=4)
+    system = msd.cloth(star(5, 0.4), 0.1, dim=2, neighbors=4)
     assert system.dim == 2
     assert system.surface.points(system.position).shape[1] == 2
     assert set(system.directions[0]) == {"x", "y"}

@@ -45,7 +45,7 @@ def test_large_box():
 )
 def test_a_lattice_joins_exactly_its_neighbours_each_pair_once(shape, reach):
     neighbours, far = reach
-    system = (sheet if len(shape) == 2 else box)(shape, spacing=1.0, neighbours=neighbours)
+    system = (sheet if len(shape) == 2 else box)(shape, spacing=1.0, neighbors=neighbours)
     assert system.particle_count == np.prod(shape)
     # From the distances alone, at halves of whole numbers: no other pair of a lattice is as near.
     distance = np.linalg.norm(system.position[:, None] - system.position, axis=-1)
@@ -87,7 +87,7 @@ def test_equal_spacings_are_exactly_the_one_number(make, shape):
     [
         (box((4, 3, 3), (0.1, 0.25, 0.7)), (4, 3, 3), (0.1, 0.25, 0.7)),
         (sheet((5, 4), (0.3, 0.1), dim=2), (5, 4), (0.3, 0.1)),
-        (lattice(np.ones((3, 3, 4), dtype=bool), (2.0, 1.0, 0.5), neighbours=6), (3, 3, 4), (2.0, 1.0, 0.5)),
+        (lattice(np.ones((3, 3, 4), dtype=bool), (2.0, 1.0, 0.5), neighbors=6), (3, 3, 4), (2.0, 1.0, 0.5)),
     ],
 )
 def test_each_axis_can_have_a_spacing_of_its_own(system, shape, spacing):
@@ -197,11 +197,11 @@ def test_each_box_face_has_a_tile_of_its_own():
         (lambda: chain(3, spacing=0.0), "spacing is 0"),
         (lambda: sheet((4, -2)), r"shape\[1\] is -2"),
         (lambda: sheet((4, 4, 4)), r"shape is \(4, 4, 4\)"),
-        (lambda: sheet((4, 4), neighbours=6), "neighbours is 6"),
+        (lambda: sheet((4, 4), neighbors=6), "neighbors is 6"),
         (lambda: sheet((4, 4), dim=1), "dim is 1"),
         (lambda: box((2, 2, 2.0)), r"shape\[2\] is 2\.0"),
         (lambda: box((2, 2, True)), r"shape\[2\] is True"),
-        (lambda: box((2, 2, 2), neighbours=18), "neighbours is 18"),
+        (lambda: box((2, 2, 2), neighbors=18), "neighbors is 18"),
         (lambda: box((2, 2, 2), spacing="wide"), "spacing is 'wide'"),
         (lambda: box((2, 2, 2), (1.0, 2.0)), r"spacing is \(1.0, 2.0\); it must be a number, or 3: one for"),
         (lambda: box((2, 2, 2), spacing=(1.0, 0.0, 1.0)), r"spacing\[1\] is 0; it must be a number above 0"),
@@ -223,8 +223,8 @@ def test_a_lattice_without_gaps_is_a_sheet_or_a_box(shape, diagonals):
     make = sheet if len(shape) == 2 else box
     neighbours = {2: (4, 8), 3: (6, 26)}[len(shape)][diagonals]
     constants = {"mass": 0.1, "stiffness": 20.0, "damping": 0.3}
-    found = lattice(np.ones(shape, dtype=bool), 0.3, neighbours=neighbours, **constants)
-    expected = make(shape, 0.3, neighbours=neighbours, **constants)
+    found = lattice(np.ones(shape, dtype=bool), 0.3, neighbors=neighbours, **constants)
+    expected = make(shape, 0.3, neighbors=neighbours, **constants)
     for name in ("position", "connections", "rest_length", "mass", "stiffness", "damping"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
     assert found.directions == expected.directions

@@ -31,7 +31,7 @@ MASKS = [blob(seed, shape) for seed, shape in enumerate([(5, 6), (9, 4), (4, 5, 
 @pytest.mark.parametrize("mask", MASKS)
 def test_a_lattice_is_what_its_mask_leaves_of_a_box(mask):
     make, neighbours = (sheet, 8) if mask.ndim == 2 else (box, 26)
-    whole = make(mask.shape, 0.5, neighbours=neighbours)
+    whole = make(mask.shape, 0.5, neighbors=neighbours)
     expected, found = problems.cut(whole, mask.ravel(order="F")), lattice(mask, 0.5)
     assert not mask.all()
     for name in ("position", "connections", "rest_length"):
@@ -139,9 +139,9 @@ def cube_and_point() -> np.ndarray:
         (lambda: lattice(np.zeros((2, 2, 2), dtype=bool)), "mask is False everywhere"),
         (lambda: lattice(cube_and_point()), r"mask\[4, 1, 3\] is True, but none of its neighbours is"),
         (lambda: lattice(two_cubes()), "mask is 2 pieces"),
-        (lambda: lattice(np.eye(3, dtype=bool), neighbours=4), r"mask\[0, 0\] is True, but none"),
-        (lambda: lattice(np.ones((2, 2), dtype=bool), neighbours=26), "neighbours is 26; it must be one of 8, 4"),
-        (lambda: lattice(np.ones((2, 2, 2), dtype=bool), neighbours=8), "neighbours is 8; it must be one of 26"),
+        (lambda: lattice(np.eye(3, dtype=bool), neighbors=4), r"mask\[0, 0\] is True, but none"),
+        (lambda: lattice(np.ones((2, 2), dtype=bool), neighbors=26), "neighbors is 26; it must be one of 8, 4"),
+        (lambda: lattice(np.ones((2, 2, 2), dtype=bool), neighbors=8), "neighbors is 8; it must be one of 26"),
         (lambda: lattice(np.ones((2, 2, 2), dtype=bool), dim=2), "dim is 2; it must be one of 3"),
         (lambda: lattice(np.ones((2, 2), dtype=bool), dim=1), "dim is 1; it must be one of 2, 3"),
     ],

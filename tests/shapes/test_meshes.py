@@ -287,7 +287,7 @@ def disagreeing() -> tuple[np.ndarray, np.ndarray]:
     [
         (lambda: msd.ball(0.0, 0.1), "radius is 0"),
         (lambda: msd.ball(0.5, 0.6), r"spacing is 0\.6; it must be at most 0\.5, the radius"),
-        (lambda: msd.ball(0.5, 0.1, neighbours=8), "neighbours is 8; it must be one of 26, 6"),
+        (lambda: msd.ball(0.5, 0.1, neighbors=8), "neighbors is 8; it must be one of 26, 6"),
         (lambda: msd.cylinder(0.5, 0.05, 0.1), r"spacing is 0\.1; it must be at most 0\.05, the height"),
         (lambda: msd.cone(0.5, float("nan"), 0.1), "height is nan"),
         (lambda: msd.cone(0.05, 1.0, 0.1), r"spacing is 0\.1; it must be at most 0\.05, the radius"),
@@ -318,7 +318,7 @@ def disagreeing() -> tuple[np.ndarray, np.ndarray]:
         (lambda: msd.cloth([[0, 0], [2, 0], [2, 2], [1, 0], [0, 2]], 0.1), "outline crosses or touches itself"),
         (lambda: msd.cloth([[0, 0], [1, 0], [0, 1]], 2.0), r"spacing is 2; it must be at most 1, the longest"),
         (lambda: msd.cloth([[0, 0], [1, 0], [0, 1]], 0.1, dim=1), "dim is 1"),
-        (lambda: msd.cloth([[0, 0], [1, 0], [0, 1]], 0.1, neighbours=26), "neighbours is 26"),
+        (lambda: msd.cloth([[0, 0], [1, 0], [0, 1]], 0.1, neighbors=26), "neighbors is 26"),
         (lambda: msd.cloth([[0, 0], [1, 0], [0, 1]], 0.1, material=msd.COTTON), "thickness is None"),
     ],
 )

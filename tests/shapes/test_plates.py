@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from elasticity import deflection_matrix
 from numpy.polynomial import legendre
-from scipy.linalg import eigh, eigvalsh
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.sparse.linalg import spsolve
 from scipy.special import iv, ivp, jv, jvp
 
-from msdwarp import Force, Material, Simulation, System, cloth, lattice, sheet
+from msdwarp import Force, Material, Simulation, System, cloth, lattice, modes, sheet
 
 SIDE, RIGIDITY, LOAD, THICKNESS = 1.0, 0.5, 0.05, 0.01
 DENSITY = 2.0
@@ -68,9 +68,8 @@ def sag(make: Callable, cells: int, rim: str, **kind) -> float:
 
 
 def frequencies(system: System, free: np.ndarray) -> np.ndarray:
-    """Return the angular frequencies of small vibrations across a sheet [1/s], ascending."""
-    root = 1 / np.sqrt(system.mass[free])
-    return np.sqrt(np.abs(eigvalsh(root[:, None] * deflection_matrix(system)[free][:, free].toarray() * root)))
+    """Return the angular frequencies of nine small vibrations of a sheet [1/s], ascending."""
+    return 2 * math.pi * modes(system if free.all() else system.pin(~free), 9).frequencies
 
 
 SAGS = {"supported": 0.00406235, "clamped": 0.00126532}
@@ -111,9 +110,9 @@ def test_a_plate_rings_as_kirchhoff_says(make, rim):
     error = []
     for cells in (8, 16):
         found = frequencies(*plate(make, cells, rim)[:2]) * SIDE**2 * math.sqrt(DENSITY / RIGIDITY)
-        if rim == "free":  # behind three motions of a rigid body
-            assert found[2] < 1e-3
-            theory, found = free_plate(1 / 3)[3:6], found[3:6]
+        if rim == "free":  # behind six motions of a rigid body
+            assert found[5] < 1e-3
+            theory, found = free_plate(1 / 3)[3:6], found[6:9]
         else:
             theory, found = LEISSA[rim], found[[0, 1]]
         error.append(np.abs(found / theory - 1).max())
@@ -131,7 +130,7 @@ def test_a_plate_of_4_neighbours_is_a_grid_of_beams():
     m, n = np.meshgrid(odd, odd)
     sign = (-1.0) ** ((m + n) // 2 - 1)
     theory = 16 * LOAD * SIDE**4 / (math.pi**6 * RIGIDITY) * (sign / (m * n * (m**4 + n**4))).sum()
-    error = [abs(sag(of_number, cells, "supported", neighbours=4) / theory - 1) for cells in (8, 16, 32)]
+    error = [abs(sag(of_number, cells, "supported", neighbors=4) / theory - 1) for cells in (8, 16, 32)]
     assert error[1] < 0.01
     assert error[1] < error[0] / 3
     assert error[2] < error[1] / 3
@@ -164,7 +163,7 @@ def test_a_free_disc_rings_as_a_plate():
     for across in (16, 32):
         system = lattice(disc(across), SIDE / across, **SOLID)
         radius = math.sqrt(system.mass.sum() / DENSITY / math.pi)
-        found = frequencies(system, np.ones(system.particle_count, dtype=bool))[3:5]
+        found = frequencies(system, np.ones(system.particle_count, dtype=bool))[6:8]
         error.append(np.abs(found * radius**2 * math.sqrt(DENSITY / RIGIDITY) / free_disc(1 / 3) - 1).max())
     assert error[0] < 0.04
     assert error[1] < 0.02

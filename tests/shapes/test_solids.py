@@ -161,7 +161,7 @@ def test_a_slim_cone_has_particles_up_to_its_apex():
 
 @pytest.mark.parametrize("name", SOLIDS)
 def test_constants_reach_the_lattice(name):
-    system = SOLIDS[name](0.25, neighbours=6, mass=0.2, stiffness=30.0, damping=0.4)
+    system = SOLIDS[name](0.25, neighbors=6, mass=0.2, stiffness=30.0, damping=0.4)
     assert set(system.directions[0]) == {"x", "y", "z"}
     assert (system.mass == 0.2).all()
     assert (system.stiffness == 30.0).all()

@@ -31,7 +31,10 @@ def test_it_creeps_to_its_soft_length(plain_device):
 
 
 def test_what_is_wrong_is_said():
-    for wrong, said in (({"share": 1.5}, "share is 1.5"), ({"relaxation_time": 0.0}, "relaxation_time is 0")):
+    for wrong, said in (
+        ({"fraction": 1.5}, "fraction is 1.5"),
+        ({"relaxation_time": 0.0}, "relaxation_time is 0"),
+    ):
         with pytest.raises(ValueError, match=said):
             viscoelastic(box((3, 3, 3)), **wrong)
     with pytest.raises(ValueError, match="yield or break"):

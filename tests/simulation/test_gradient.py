@@ -85,7 +85,7 @@ def test_threads_share_the_way_back(monkeypatch):
         options = {"integrator": RK4(), "threads": threads, "device": "cpu"}
         run = simulation(body, colliders=[plane], loads=loads, **options)
         found.append(run.gradient(loss, FRAMES, by=names))
-    for share in ("SHARE", "SHARE_OF_SUBSTEPS"):
+    for share in ("MOST_MEMORY", "MOST_FOR_SUBSTEPS"):
         monkeypatch.setattr(gradient_run, share, 0.0)
     again = run.gradient(loss, FRAMES, by=names)  # takes frames again whose states do not fit
     for name in names:  # the threads sum forces in another order
@@ -216,8 +216,8 @@ def test_memory_grows_with_the_root_of_frames_that_do_not_fit(share, states, mon
         made[0] += 1
         return make(model, count)
 
-    monkeypatch.setattr(gradient_run, "SHARE", share)
-    monkeypatch.setattr(gradient_run, "SHARE_OF_SUBSTEPS", 0.0)
+    monkeypatch.setattr(gradient_run, "MOST_MEMORY", share)
+    monkeypatch.setattr(gradient_run, "MOST_FOR_SUBSTEPS", 0.0)
     monkeypatch.setattr(Model, "vectors_together", counting)
     body, found = simulation(block(), substeps=8, device="cpu"), []
     for frames in (24, 99):

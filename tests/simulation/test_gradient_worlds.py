@@ -132,8 +132,8 @@ def test_states_that_do_not_fit_are_taken_again_to_the_last_bit(monkeypatch, pla
     for run, told in ((ensemble, losses), (ensemble.simulation_of(1), loss)):
         found = []
         for share, of_substeps in ((1.0, 1.0), (1.0, 0.0), (0.0, 0.0)):
-            monkeypatch.setattr(gradient_run, "SHARE", share)
-            monkeypatch.setattr(gradient_run, "SHARE_OF_SUBSTEPS", of_substeps)
+            monkeypatch.setattr(gradient_run, "MOST_MEMORY", share)
+            monkeypatch.setattr(gradient_run, "MOST_FOR_SUBSTEPS", of_substeps)
             found.append(run.gradient(told, 10, by=names))  # the last has 11 states: 4, 4 and 3
         for one in found[1:]:
             for name in names:

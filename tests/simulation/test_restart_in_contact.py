@@ -45,7 +45,7 @@ def test_a_restart_in_contact_goes_on_to_the_last_bit(plain_device, break_strain
     assert now.broken.any() == np.isfinite(break_strain)
     along = np.diff(now.position[now.connections], axis=1)[:, 0]
     strain = np.abs(np.linalg.norm(along, axis=1) / now.rest_length - 1)
-    counts = ~now.broken & now.between_neighbours
+    counts = ~now.broken & now.between_neighbors
     # float32 positions of half a metre: 3e-8 m of lengths of 5 cm, and as much again in a difference.
     assert run.stepping.balance().strain == pytest.approx(strain[counts].max(), abs=1e-5)
 

@@ -165,6 +165,29 @@ def test_a_handler_is_called_after_a_recording(usr1):
     np.testing.assert_array_equal(array.numpy(), 3.0)
 
 
+@needs_signals
+def test_a_handler_is_called_though_another_raises_before_signals_are_deferred(monkeypatch, usr1):
+    called, set_handler = [], turns._signal.signal
+    before = signal.signal(signal.SIGINT, lambda *_: called.append(True))
+
+    def sends_both(number, handler):
+        told = set_handler(number, handler)
+        if number == signal.SIGINT and not called:
+            monkeypatch.undo()
+            signal.raise_signal(signal.SIGINT)  # is deferred already
+            signal.raise_signal(signal.SIGUSR1)  # not yet
+        return told
+
+    monkeypatch.setattr(turns._signal, "signal", sends_both)
+    try:
+        with pytest.raises(Late), turns.deferring_signals():
+            pytest.fail("the block began")
+        assert called == [True]
+        assert signal.getsignal(signal.SIGUSR1) is raises
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 READS = """
 import signal, threading
 from msdwarp.runtime import in_turn

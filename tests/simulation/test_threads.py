@@ -14,6 +14,7 @@ import pytest
 import warp as wp
 
 from msdwarp import (
+    Contact,
     Ensemble,
     Plane,
     Probe,
@@ -199,12 +200,36 @@ def test_what_is_dropped_in_nobodys_turn_is_freed_in_a_turn(plain_device, kind, 
     assert all(owned)
 
 
-def test_what_is_dropped_in_nobodys_turn_is_freed_at_once(plain_device):
-    simulation = Simulation(chain(3), device=plain_device)
-    state = weakref.ref(simulation.state)
-    del simulation
-    gc.collect()
-    assert state() is None
+CUBES = box((2, 2, 2)) + box((2, 2, 2)).translate((0, 0, 3))
+SIMULATED = {
+    "a chain": (chain(3), {}),
+    "a probe in each substep": (chain(3), {"probes": {"end": Probe([2], "velocity", every="substep")}}),
+    "functions of time": (
+        chain(3),
+        {"gravity": lambda t: (0, 0, -9.8), "colliders": [Plane(motion=lambda t: (0, 0, -t))]},
+    ),
+    "bodies in contact": (CUBES, {"contact": Contact()}),
+    "bodies for two threads": (CUBES, {"contact": Contact(), "threads": 2}),
+}
+
+
+@pytest.mark.parametrize("kind", [*SIMULATED, "gradient"])
+def test_what_is_dropped_in_nobodys_turn_is_freed_at_once(plain_device, kind):
+    """Arrays of a device are freed with the last reference, not at some collection of garbage."""
+    body, options = SIMULATED.get(kind, (chain(3), {}))
+    if plain_device != "cpu":
+        options = {name: value for name, value in options.items() if name != "threads"}
+    gc.disable()
+    try:
+        simulation = Simulation(body, device=plain_device, **options)
+        simulation.step(2)
+        if kind == "gradient":
+            simulation.gradient(lambda frames: (0.0, np.zeros(frames.position.shape), None), 2)
+        model = weakref.ref(simulation.model)
+        del simulation
+        assert model() is None
+    finally:
+        gc.enable()
 
 
 def is_taken():

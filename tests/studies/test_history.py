@@ -344,7 +344,7 @@ def test_frames_are_read_one_at_a_time(two_frames, monkeypatch):
 @pytest.mark.slow
 def test_what_is_broken_stores_no_energy(tmp_path):
     body = net(2, break_strain=0.7)
-    body = body.with_velocity(3.0 * (body.position - body.centre_of_mass))
+    body = body.with_velocity(3.0 * (body.position - body.center_of_mass))
     simulation = run(body, gravity=0.0)
     readback, expected = Readback(simulation), []
     with TrajectoryWriter(tmp_path / "a.vtkhdf", simulation.system, fps=60) as writer:

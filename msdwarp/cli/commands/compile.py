@@ -1,4 +1,4 @@
-"""`msdwarp compile`: fills the folder of compiled kernels, where nothing is simulated."""
+"""`msdwarp compile`: compiles kernels of scenes and keeps them for later runs; nothing is simulated."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -53,7 +53,7 @@ def jobs_of(make: Callable[[Any], Simulation], target: str | int) -> list[Job]:
 
 
 def _architectures(arch: str, device: str | None) -> list[int]:
-    """Return the architectures of GPUs; raise ValueError if there are none such, or a device is given, too."""
+    """Return the architectures of GPUs; raise ValueError for unknown ones, or if a device is given too."""
     from warp._src.context import runtime
 
     if device is not None:

@@ -2,42 +2,36 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from rich.progress import Progress
 
-from ... import checks
-from ...bodies import lengths, stress, von_mises
 from ...disk import writing
-from ...files import DrawnFrame, DrawnMesh, FrameArray, Trajectory, finite_values
+from ...files import Trajectory
 from ...pictures import (
     Camera,
-    ColorScale,
-    Drawing,
-    Part,
     Renderer,
-    Stage,
+    exposure,
     framed,
-    still,
     timelapse,
     visible,
     write_film,
 )
-from ...studies import particle_energies, system_in
-from ...world import FINISHES, Scene
+from ...world import Scene
 from ..options import Pictures, parse_resolution
 from ..process import stop_requests
-from ..results import overlay_path, still_path
+from ..results import overlay_path, pass_path, still_path
 from ..signals import Interrupted, word
+from .moments import Moment, Moments, exposed
+from .passes import PassFiles
+from .quantities import arrows, dressed
 
-Values = Callable[[int], NDArray[np.float64]]
+SMOOTH, BLURRED = 64, 8
+"""Number of pictures whose mean is a still, and a picture of a film with motion blur."""
 SCATTERED = 4.0
 """The start is small if the camera that sees all is so many times as far away as one that sees the start: it fills
 a quarter of the picture's width then. Of the built-in scenes with several bodies none reaches 2.5."""
@@ -52,41 +46,53 @@ def draw(
     progress: Progress,
     *,
     shown: Sequence[int] | None = None,
+    moments: Sequence[float] | None = None,
     fps: float | None = None,
     device: str | None = None,
     still_at: float | None = None,
-    samples: int = 1,
     replaced: Sequence[Path] = (),
 ) -> str:
     """Draw the frames `shown` of a trajectory, by default all, into a folder; return a line about the pictures.
 
+    The film and its frames show `moments`, numbers of frames or fractions between them, by default the frames.
     `name` is the film's name, `fps` its pictures per second (by default the trajectory's), and `device` is for the
-    ray caster. At `still_at` [s] one picture is drawn from `samples` samples. Pictures in `replaced` are removed
+    ray caster. At `still_at` [s] one picture is drawn from many. Pictures in `replaced` are removed
     before the first is drawn. Raise Interrupted after a signal, between two pictures, and never while VTK is
     imported, which would crash.
     """
     with stop_requests(progress.console) as requests:
         began = time.perf_counter()
         shown = range(len(trajectory)) if shown is None else shown
-        fps, count = trajectory.fps if fps is None else fps, len(shown)
-        scene, coloring, values = _dressed(scene, trajectory, pictures, shown)
+        moments = shown if moments is None else moments
+        fps, count = trajectory.fps if fps is None else fps, len(moments)
+        scene, coloring, values = dressed(scene, trajectory, pictures, shown)
         size = parse_resolution(pictures.resolution)
         aspect, still_scene = size[0] / size[1], scene
         scene, seen = framed(scene, trajectory.positions, trajectory.times, shown, aspect)
-        forces, longest = _arrows(trajectory, shown) if pictures.arrows else (None, None)
+        forces, longest = arrows(trajectory, shown) if pictures.arrows else (None, None)
         how = {"coloring": coloring, "zoom": pictures.zoom, "arrows": longest, "backend": pictures.renderer}
+        how |= {"bodies": pictures.body, "transparent": pictures.transparent}
         renderer = Renderer(scene, seen, resolution=size, device=device, **how)
         _raise_if_stopped(requests)
         for picture in replaced:  # not earlier: the file may lack what colors or arrows show
             picture.unlink()
         positions, times, drawn, results = trajectory.positions, trajectory.times, [], []
-        if not pictures.frames == pictures.video == "none":
+        run, open_for = Moments(trajectory, values, forces), 0.0
+        if pictures.shutter and count > 1:
+            open_for = pictures.shutter * (moments[1] - moments[0])
+        files = PassFiles(scene, coloring, renderer.stage, pictures, folder) if pictures.passes else None
+        if files is not None or not pictures.frames == pictures.video == "none":
 
             def images() -> Iterator[NDArray]:
-                for k in progress.track(shown, count, description="drawing"):
+                for k, moment in enumerate(progress.track(moments, count, description="drawing")):
                     _raise_if_stopped(requests)
-                    force = None if forces is None else forces[k]
-                    yield renderer.image(positions[k], times[k], values and values(k), force)
+                    if files is not None:
+                        files.write(k, run.at(moment))
+                    if open_for:
+                        through = exposed(moment, open_for, pictures.samples or BLURRED, shown)
+                        yield exposure(renderer, map(run.at, through))
+                    else:
+                        yield renderer.image(*run.at(moment))
 
             formats = {"frames": pictures.frames, "video": pictures.video}
             path = write_film(images(), folder, name=name, fps=fps, **formats)
@@ -94,23 +100,27 @@ def draw(
             if pictures.frames == "png":
                 others = f" ... frame_{count - 1:04d}.png" if count > 1 else ""
                 results.append(f"{folder / 'frame_0000.png'}{others}")
+            for kind in pictures.passes:
+                results.append(f"{pass_path(folder, kind, 0)} ...")
             if path is not None:
                 results.append(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
         if still_at is not None:
             k = shown[int(np.abs(np.asarray(times[shown]) - still_at).argmin())]
 
-            def numbers() -> Iterator[int]:
-                for sample in progress.track(range(samples), description="drawing"):
-                    _raise_if_stopped(requests)
-                    yield sample
+            samples, path = pictures.samples or SMOOTH, still_path(folder, name)
 
-            path = still_path(folder, name)
-            what = positions[k], times[k], values and values(k), None if forces is None else forces[k]
-            _save(path, still(renderer, numbers(), *what))
+            def same() -> Iterator[Moment]:
+                for _ in progress.track(range(samples), description="drawing"):
+                    _raise_if_stopped(requests)
+                    yield run.at(k)
+
+            _save(path, exposure(renderer, same()))
             drawn.append(f"the frame at {times[k]:.4g} s from {samples} sample{'s' if samples > 1 else ''}")
             results.append(str(path))
         if pictures.overlay is not None:
-            chosen = np.array(shown)[np.unique(np.linspace(0, count - 1, pictures.overlay).round().astype(int))]
+            chosen = np.array(shown)[
+                np.unique(np.linspace(0, len(shown) - 1, pictures.overlay).round().astype(int))
+            ]
             path = overlay_path(folder, name)
             all_values = None if values is None else np.array([values(k) for k in chosen])
             _raise_if_stopped(requests)
@@ -130,10 +140,10 @@ def _save(path: Path, picture: NDArray) -> None:
 
 
 def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspect: float) -> str:
-    """Return a line with the camera's flags for the start, if bodies scatter so that it is small; else nothing.
+    """Return a line with flags for a camera near the start, if bodies scatter so far that they look small there.
 
-    `start` and `end` are the positions then, `seen` those that the camera keeps in view [m], shape [any, d].
-    `aspect` is the picture's width over its height.
+    Return nothing otherwise. `start` and `end` are the first and the last positions, `seen` those that the camera
+    keeps in view [m], shape [any, d]. `aspect` is the picture's width over its height.
     """
     look = scene.look
     if look.distance is not None or look.follow is not None or look.path:
@@ -148,139 +158,6 @@ def closer_view(scene: Scene, start: NDArray, end: NDArray, seen: NDArray, aspec
     return f"\nbodies scatter over {width:.2g} m; `msdwarp render` shows where they start with {flags}"
 
 
-def drawn(
-    scene: Scene, trajectory: Trajectory, pictures: Pictures, numbers: Sequence[int], whole: bool
-) -> tuple[Iterator[DrawnFrame], dict[str, Any]]:
-    """Return frames of a trajectory, with triangles and colors as in pictures of all; see `files.export`."""
-    every = range(len(trajectory))
-    scene, coloring, values = _dressed(scene, trajectory, pictures, every)
-    drawing, stage, more = Drawing(scene, coloring), None, dict[str, Any]()
-    parts, floor = list[tuple[Part, DrawnMesh]](), list[DrawnMesh]()
-    for one in drawing.body + (drawing.obstacles if whole else []):
-        gloss, made_of, faces = one.finish.gloss, one.finish.reflectance, one.triangles - one.vertices.start
-        color = one.colors.numpy() if drawing.colors_move and one in drawing.body else one.finish.color
-        texture = None if drawing.texture is None else one.finish.texture
-        roughness = max(0.15, 0.9 - gloss) if made_of == FINISHES["matt"] else made_of.roughness
-        # On the CPU these arrays share Warp's memory: they change as the drawing follows the particles.
-        shape = one.points.numpy(), one.normals.numpy(), faces, one.uv, color, texture
-        if len(faces):
-            mesh = DrawnMesh(one.name, *shape, gloss, roughness, made_of.metallic, made_of.opacity, one.moves)
-            parts.append((one, mesh))
-    if whole:
-        size, look = parse_resolution(pictures.resolution), scene.look
-        aspect = size[0] / size[1]
-        scene, seen = framed(scene, trajectory.positions, trajectory.times, every, aspect)
-        stage = Stage(scene, seen, size, pictures.zoom, radius=drawing.radius)
-        more = {"view_angle": look.field_of_view, "aspect": aspect, "sun": stage.camera.light}
-        more["background"] = np.array(checks.color("background", look.background))
-        if stage.ground is not None:
-            square = stage.ground.corners, None, np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros((4, 2))
-            floor = [DrawnMesh("ground", *square, np.array(checks.color("ground", look.ground)))]
-
-    def frames() -> Iterator[DrawnFrame]:
-        for k in numbers:
-            position, at = finite_values(trajectory, k, "position"), float(trajectory.times[k])
-            drawing.follow(position, at, values and values(k))
-            view = np.zeros((4, 3))
-            if stage is not None:
-                camera = stage.camera_at(at, position)
-                view = np.array([camera.right, camera.up, -camera.forward, camera.eye])
-            yield [mesh._replace(visible=one.drawn_at(at)) for one, mesh in parts] + floor, view
-
-    return frames(), more
-
-
-def _dressed(
-    scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]
-) -> tuple[Scene, str | ColorScale, Values | None]:
-    """Return the scene as pictures show it: torn, and with their camera; and `_coloring`."""
-    look = pictures.aimed(scene.look)
-    if scene.system.tears:
-        scene = replace(scene, system=scene.system.replace(broken_at=trajectory.broken_at))
-    color = pictures.color or ("strain" if look.strain else "texture")
-    if color == "strain":
-        look = replace(look, full_strain=_full_strain(scene, trajectory, pictures, shown))
-    scene = replace(scene, look=look)
-    return scene, *_coloring(scene, trajectory, color, shown)
-
-
 def _raise_if_stopped(requests: list[int]) -> None:
     if requests:
         raise Interrupted(f"{word(requests[0])} while drawing", requests[0])
-
-
-def _coloring(
-    scene: Scene, trajectory: Trajectory, color: str, shown: Sequence[int]
-) -> tuple[str | ColorScale, Values | None]:
-    """Return (coloring of the body, function (k) -> particles' values in frame k); None if it has no values.
-
-    The scale ends at the largest 99th percentile of a frame.
-    """
-    if color not in _QUANTITIES:
-        return color, None
-    label, values_of = _QUANTITIES[color]
-    values = partial(values_of, scene, trajectory)
-    largest = max(float(np.quantile(values(k), 0.99)) for k in shown)
-    return ColorScale(label, round_up(largest)), values
-
-
-def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown: Sequence[int]) -> float:
-    """Return the strain at the scale's ends: the given one, or the 99th percentile over springs and frames.
-
-    If there are many springs and frames, only some are evaluated.
-    """
-    if (given := pictures.full_strain or scene.look.full_strain) is not None:
-        return given
-    system = scene.system
-    some = slice(None, None, max(1, system.connection_count // 5000))
-    pairs, rest_length = system.connections[some], system.rest_length[some]
-    sizes = []
-    for k in list(shown)[:: max(1, len(shown) // 100)]:
-        strain = np.abs(lengths(trajectory.positions[k].astype(np.float64), pairs) / rest_length - 1)
-        # Broken springs are not drawn.
-        sizes.append(strain[system.broken_at[some] > trajectory.times[k]] if system.tears else strain)
-    return round_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)
-
-
-def _arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:
-    """Return (contact forces in the frames, force of the longest arrow [N]).
-
-    This force is the median over frames of the 90th percentile. Relative to a short impact's force, all other
-    arrows would be invisibly short.
-    """
-    forces, large = trajectory.contact_forces, list[float]()
-    for k in shown:
-        sizes = _lengths(forces[k])
-        if sizes.any():
-            large.append(float(np.quantile(sizes[sizes > 0], 0.9)))
-    return forces, round_up(float(np.median(large)) if large else 0.0)
-
-
-def _lengths(vectors: NDArray) -> NDArray[np.float64]:
-    return np.linalg.norm(vectors.astype(np.float64), axis=1)
-
-
-_QUANTITIES: dict[str, tuple[str, Callable[[Scene, Trajectory, int], NDArray[np.float64]]]] = {
-    "velocity": ("speed [m/s]", lambda scene, trajectory, k: _lengths(trajectory.velocities[k])),
-    "energy": (
-        "energy of a particle and half its connections [J]",
-        lambda scene, trajectory, k: particle_energies(system_in(trajectory, k, scene.schedule)),
-    ),
-    "stress": (
-        "von Mises stress [Pa]",
-        lambda scene, trajectory, k: von_mises(stress(system_in(trajectory, k, scene.schedule))),
-    ),
-    "contact": (
-        "contact force on a particle [N]",
-        lambda scene, trajectory, k: _lengths(trajectory.contact_forces[k]),
-    ),
-}
-"""Quantities of particles that colors can show, by name: the label, and a function for the values in a frame."""
-
-
-def round_up(value: float) -> float:
-    """Return a value rounded up to one or two digits; 1 if it is not above 0."""
-    if value <= 0:
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(step * power for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if step * power >= value * (1 - 1e-9))

@@ -123,7 +123,9 @@ def _flag(name: str, value: Any) -> str:
     flag = name.replace("_", "-")
     if isinstance(value, bool):
         return f"--{flag}" if value else f"--no-{flag}"
-    return f"--{flag} {shlex.quote(_words(value))}"
+    return " ".join(
+        f"--{flag} {shlex.quote(_words(one))}" for one in (value if isinstance(value, list) else [value])
+    )
 
 
 def _words(value: Any) -> str:

@@ -17,6 +17,7 @@ from ...bodies import stress
 from ...disk import TRAJECTORY
 from ...files import Trajectory, TrajectoryWriter, write_restart
 from ...integrators import DEFAULT, METHODS
+from ...pictures import particles_of
 from ...runtime import Compiling
 from ...simulation import Readback, Simulation, SimulationDiverged, frame_count
 from ...studies import EnergyLog, GrowingTable, cheapest, particle_energies, tune
@@ -35,8 +36,8 @@ MOST_CHANGES_SHOWN = 6
 """If the number of substeps changes more often than this, the changes are summarised."""
 
 
-def run_scene(origin: Origin, scene: Scene, options: Options) -> "Run":
-    """Simulate a scene, store and draw its frames, and print a summary; return the run, at its end.
+def run_scene(origin: Origin, scene: Scene, options: Options) -> "Case":
+    """Simulate a scene, store and draw its frames, and print a summary; return the case, at its end.
 
     Raise ValueError or OSError for an option that is out of range, before anything is written. If
     SimulationDiverged or Interrupted ends the run early, earlier frames are kept.
@@ -45,11 +46,7 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> "Run":
     duration = scene.duration if options.duration is None else options.duration
     options, last = replace(options, duration=duration), frame_count(duration, options.fps)
     options.check(last)
-    replace(scene, look=options.pictures.aimed(scene.look))  # raises ValueError if the scene lacks a body
-    if options.pictures.color in ("energy", "stress"):  # raise ValueError for a system that has none
-        if not options.strain:
-            raise ValueError(f"--color {options.pictures.color} needs the strains that --no-strain leaves out")
-        {"energy": particle_energies, "stress": stress}[options.pictures.color](scene.system)
+    check_drawable(scene, options)
     if options.tolerance is not None:
         options = _tuned(scene, options, talk)
     if options.pictures.any or options.trajectory != "none":
@@ -72,9 +69,19 @@ def run_scene(origin: Origin, scene: Scene, options: Options) -> "Run":
             folder = stack.enter_context(own_folder(origin.name, options.out, options.force))
             if folder != tentative:  # another run has taken the tentative folder meanwhile
                 log = _log(options, folder, origin.name)
-        run = Run(scene, options, simulation, folder, origin.name, made_by, log, talk)
-        run.to(last)
-    return run
+        case = Case(scene, options, simulation, folder, origin.name, made_by, log, talk)
+        case.to(last)
+    return case
+
+
+def check_drawable(scene: Scene, options: Options) -> None:
+    """Raise ValueError if the scene lacks a body or a quantity that pictures are to show."""
+    replace(scene, look=options.pictures.aimed(scene.look))
+    particles_of(scene.system, options.pictures.body)
+    if options.pictures.color in ("energy", "stress"):
+        if not options.strain:
+            raise ValueError(f"--color {options.pictures.color} needs the strains that --no-strain leaves out")
+        {"energy": particle_energies, "stress": stress}[options.pictures.color](scene.system)
 
 
 def _log(options: Options, folder: Path | None, name: str) -> EnergyLog | None:
@@ -137,8 +144,8 @@ def _tuned(scene: Scene, options: Options, talk: Console) -> Options:
 
 
 @dataclass
-class Run:
-    """A simulation and the folder of its results."""
+class Case:
+    """A simulation and the folder of its results, which it fills."""
 
     scene: Scene
     options: Options

@@ -18,11 +18,13 @@ from ...live import FIRST_FRAME, Handling, read_deeds, within_reach
 from ...simulation import Simulation, frame_count
 from ...studies import EnergyLog
 from ...world import Scene
-from ..options import Options, Pictures
+from ..options import Options, Pictures, PicturesAgain
 from ..provenance import digest, rebuild_scene, restored_options
 from ..results import RESTART, own_folder, pictures_in
 from ..script_signatures import UNTRUSTED, Script
-from .run import Run, about, simulation_by
+from .run import Case, about, check_drawable, simulation_by
+
+AS_BEFORE = PicturesAgain()
 
 
 def resume_run(
@@ -32,10 +34,12 @@ def resume_run(
     device: str | None = None,
     force: bool = False,
     quiet: bool = False,
+    pictures: PicturesAgain = AS_BEFORE,
     script: Script = UNTRUSTED,
 ) -> None:
     """Continue a run from its restart file to the end, or to another duration [s], and draw the run.
 
+    `pictures` has flags that change what was to be drawn.
     Raise ValueError if a file is invalid or the scene has changed, FileExistsError if pictures would be replaced
     without `force`, and the errors of `run_scene`.
     """
@@ -52,27 +56,34 @@ def resume_run(
         if duration is not None:
             made_by["options"] = {**checks.mapping("the run's options", made_by["options"]), "duration": duration}
         device = device or made_by["device"]
-        options = restored_options(made_by["options"], device=device, quiet=quiet, force=force)
+        before = restored_options(made_by["options"], device=device, quiet=quiet, force=force)
+        options = replace(before, pictures=pictures.over(before.pictures))
+        made_by["options"] = {**made_by["options"], "pictures": options.as_stored()["pictures"]}
+        if options.sums_contact and not before.sums_contact:
+            raise ValueError("color or arrows show contact forces, which only a run with --contact-forces stores")
         last = frame_count(options.duration or 0.0, options.fps)
+        options.check(last)
+        check_drawable(scene, options)
         behind = checks.count("frame_index", checkpoint["frame_index"], 0) + 1
         simulation = simulation_by(scene, options)
         simulation.restore(arrays, checkpoint)
         _check_kept(folder / TRAJECTORY, simulation, made_by, options.every)
-        pictures = pictures_in(folder, origin.name) if options.pictures.any else []
-        if behind > last and options.pictures.are_in(folder, origin.name, (behind - 1) // options.every + 1):
+        there = pictures_in(folder, origin.name) if options.pictures.any else []
+        again = bool(pictures.given) or behind <= last
+        if not again and options.pictures.are_in(folder, origin.name, (behind - 1) // options.every + 1):
             if not quiet:
                 frames = f"{behind} frames, {simulation.time:.4g} s"
                 print(f"the run is complete ({frames}); a longer --duration extends it")
             return
-        if behind <= last and pictures and not force:
-            raise FileExistsError(f"{pictures[0]} exists, and would be replaced; move it or add --force")
+        if again and there and not force:
+            raise FileExistsError(f"{there[0]} exists, and would be replaced; move it or add --force")
         path = options.log_path(folder)
         # A restart file may come from anyone, and must not choose where a file is created.
         if path is not None and not (options.logs_in_folder or script.trust or path.exists()):
             raise ValueError(f"log is {path}, outside of {folder} and no longer there; allow it with --trust")
         log = None if path is None or behind > last else EnergyLog(path, behind=behind)
         talk = Console(stderr=True, quiet=quiet)
-        Run(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
+        Case(scene, options, simulation, folder, origin.name, made_by, log, talk).to(last, behind=behind)
 
 
 def _parts(path: Path, attributes: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -128,7 +139,7 @@ def rerun(
         new = about(origin, scene, simulation, options)
         last = (len(trajectory) - 1) * checks.count("every", options.every, 1)
         talk = Console(stderr=True, quiet=quiet)
-        Run(scene, options, simulation, folder, origin.name, new, None, talk).to(last)
+        Case(scene, options, simulation, folder, origin.name, new, None, talk).to(last)
         with Trajectory(folder / TRAJECTORY) as again:
             difference = _difference(trajectory, again)
         return None if difference is None else difference + _causes(attributes, new)

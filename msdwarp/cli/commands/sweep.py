@@ -30,7 +30,7 @@ _ONCE = ("jobs", "keep", "out", "force", "quiet", "verbose")
 
 
 class CommandTask(NamedTuple):
-    """The task of a worker at a point, as a command line."""
+    """What a worker simulates at a point of a sweep, as a command line."""
 
     place: str
     script: str | None

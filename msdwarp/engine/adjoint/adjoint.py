@@ -174,6 +174,17 @@ class Adjoint:
         self._propagate_kick(drift, seconds, (x, v), v_out, stage, theta)
         self._propagate_forces(x, v, stage, u=self._u)
 
+    def of_forces(self, phi: NDArray, x: wp.array, v: wp.array) -> list[NDArray]:
+        """Return (∂F/∂x)ᵀ φ and (∂F/∂v)ᵀ φ of a single world, shape [particle_count, d], for forces F at (x, v).
+
+        Call `clear` before derivatives of a loss are propagated.
+        """
+        for one in (self.by_x, self.by_v):
+            one.zero_()
+        self._phi.assign(phi)
+        self._propagate_forces(x, v, 0)
+        return [np.array(one.numpy()) for one in (self.by_x, self.by_v)]
+
     def forget_driven(self, stage: int) -> None:
         """Set derivatives of driven particles to 0, since their motion does not depend on earlier states."""
         if self._driven is not None:
@@ -262,7 +273,7 @@ class Adjoint:
 
     @contextmanager
     def aside(self, by_v: NDArray[np.float64]) -> Iterator[None]:
-        """Propagate only the derivatives `by_v` within the context; add the others again afterwards."""
+        """Within the context propagate `by_v` instead of the current derivatives; afterwards add these again."""
         model, own = self._model, (self.by_x, self.by_v)
         self._aside = self._aside or model.vectors_together(2)
         for array, kept in zip(own, self._aside, strict=True):
@@ -306,9 +317,9 @@ class Adjoint:
         return self._parameters[name][1].varies
 
     def take_stages(self) -> dict[str, NDArray[np.float64]]:
-        """Return the accumulated derivatives by functions of time, for each stage, and set them to 0.
+        """Return the summed derivatives by functions of time, for each stage of a frame, and set them to 0.
 
-        They have an axis of stages, in an ensemble after that of worlds.
+        Their first axis is that of stages; in an ensemble the second, after that of worlds.
         """
         found = {id(sums): sums.take() for sums in self._sums if sums.varies}
         return {

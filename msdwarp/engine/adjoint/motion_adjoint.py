@@ -14,9 +14,9 @@ from .number_sums import NumberSums
 
 
 class MotionAdjoint:
-    """Derivatives by the values of prescribed motions, at the times at which frames evaluate the motions.
+    """Derivatives by prescribed motions: by their displacements and turns at the times that frames use.
 
-    Kernels sum derivatives by the poses (R, o) of each stage and by their rates. Rates are differences of poses at
+    Kernels sum derivatives by the pose (R, o) of each stage, and by its rate. Rates are computed from poses at
     several times, so derivatives by rates are converted to derivatives by these poses.
 
     Parameters
@@ -47,7 +47,7 @@ class MotionAdjoint:
         self._start: Any = 0.0
 
     def take_frame(self, time: float) -> None:
-        """Collect the derivatives that kernels have summed for the frame that begins at `time` [s]."""
+        """Take over from the device the sums of the frame that begins at `time` [s]."""
         rows = self._take()
         rows[:, -1] += self._start  # the state at a frame's start is that at the end of the frame before
         self._start = rows[:, 0].copy()
@@ -66,7 +66,7 @@ class MotionAdjoint:
         self._found.append(self._drives.propagate_rates(time, None, np.stack(by_acceleration, axis=1)))
 
     def take_start(self, time: float, lag: float) -> None:
-        """Collect the derivatives left at the start, `time` [s]; the method's velocities are `lag` [s] earlier."""
+        """Take over the sums left for the start, `time` [s]; the method's velocities are `lag` [s] earlier."""
         own, given = self._start, self._take()[:, 0]
         if time == 0:  # a later start is a given state
             by_place, by_speed = np.moveaxis(own + given, -3, 0)

@@ -23,9 +23,9 @@ MOST_LANES, MOST_THREADS = 16, 80_000
 
 
 class OverParticles:
-    """An adjoint whose launches are over particles, in several lanes each if they are few.
+    """An adjoint whose kernel runs over particles; few particles have several threads (lanes) each.
 
-    `neighbours` tells how their springs are found.
+    `neighbours` finds the springs of a particle.
     """
 
     def __init__(self, model: Model, neighbours: Neighbours) -> None:

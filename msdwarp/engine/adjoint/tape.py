@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import warp as wp
 
 from ..device.vector_arrays import rows_like
-from ..model.state import State
+from ..model.state import State, copy_vectors
 from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Solve, Stage
 from ..stepping.substep import take_substep
@@ -47,6 +47,13 @@ class Tape:
         """Launch substeps of a frame, by default all, from the state before the first on the tape."""
         for k in substeps or range(len(self._stages)):
             self.take(k)
+
+    def advance(self, state: State, substeps: int, first: int) -> None:
+        """Advance another state by substeps of a frame, from number `first` on; keep all states on the tape."""
+        now = state.x, state.v
+        copy_vectors(self.states[first], now)
+        self.launch(range(first, first + substeps))
+        copy_vectors(now, self.states[first + substeps])
 
     def take(self, substep: int, look: Callable[[int, wp.array, wp.array], None] | None = None) -> None:
         """Launch a substep; before stage n, call `look` with n and with the state at which it evaluates forces."""

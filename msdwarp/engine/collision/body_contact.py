@@ -99,12 +99,14 @@ class BodyContact(WithHistory):
         self.frozen = np.zeros(model.worlds, dtype=bool)
         """Whether each world was frozen before the last frame: its lists may be invalid."""
         self.shared_points = self._points
+        self.touches = False
+        """Whether any bodies touch at the start."""
         self._overlapping: str | None = None
         self._release_initial_overlap()
         self.planes.start()
 
     def lanes(self, triangles: bool) -> int:
-        """Return the number of threads per point, for triangles or other facets, as in a single run."""
+        """Return the number of threads per point, if facets are `triangles` or not; as many as in a single run."""
         if not self._model.device.is_cuda:
             return 1
         if not triangles:
@@ -126,6 +128,7 @@ class BodyContact(WithHistory):
         x.assign(model.spread(model.row_of("position").astype(model.dtype)))
         stored = self._stored_and_heated(x, model.vectors())[0].numpy()
         points, bodies = np.flatnonzero(stored), len(surfaces.solid)
+        self.touches = bool(len(points))
         if not len(points):
             return
         a, neighbors = data.surfaces.body.numpy()[points], data.neighbors
@@ -255,7 +258,7 @@ class BodyContact(WithHistory):
 
     @property
     def changing(self) -> list[wp.array]:
-        """The arrays that substeps change: the history, and what touches around each vertex."""
+        """The arrays that substeps change: the history, and the sums of `_count_touching`."""
         return [*super().changing, self._data.surfaces.touching]
 
     def go_on_from(self, other: Effect) -> None:
@@ -264,12 +267,12 @@ class BodyContact(WithHistory):
         self._count_touching()
 
     def take_history(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take what touches, and how far it has slipped, from a `checkpoint`."""
+        """Take the bodies that touch, and their tangential displacements, from a `checkpoint`."""
         super().take_history(arrays)
         self._count_touching()
 
     def _count_touching(self) -> None:
-        """Sum the densities of points that touch as kernels do, see `kernels.collision.pairs.crowding`."""
+        """Sum the densities of the touching points around each vertex, as kernels do in `pairs.crowding`."""
         data = self._data.surfaces
         those = self._data.history.contact_body.numpy()[0] >= 0
         ends, second, density = (one.numpy()[those] for one in (data.ends, data.fraction, data.density))
@@ -297,14 +300,14 @@ class BodyContact(WithHistory):
         return self._data.surfaces.unit
 
     def add_blocks_of_worlds(self, stiffness: wp.array) -> None:
-        """Add the blocks of `add_blocks` for all worlds that differ, shape [different, particle_count]."""
+        """Add the stiffness of contacts in worlds whose constants differ, shape [different, particle_count]."""
         each = self.blocks[np.arange(len(stiffness)) % len(self.blocks)]
         stiffness.assign(stiffness.numpy() + each[..., None, None] * np.eye(self._model.dim))
 
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add the stiffness of contacts to diagonal blocks, as if all points were in contact.
 
-        Dampers limit themselves, so that they do not shorten the step.
+        Dampers add nothing: kernels limit each of them so that it does not shorten the stable step.
         """
         stiffness.assign(stiffness.numpy() + self.blocks[0, :, None, None] * np.eye(self._model.dim))
 

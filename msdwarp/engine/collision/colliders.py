@@ -27,11 +27,11 @@ COEFFICIENTS = ("restitution", "friction", "tangential_factor", "rest_speed")
 class Colliders(FrameTables):
     """Keeps the particles of a model out of obstacles, fixed or moving.
 
-    The rigid ones of `colliders`, at least one, act on a particle in the given order, by the `rule` "coulomb" or
-    "report"; see `msdwarp.kernels.colliders.contact_rule`. If `contact_forces`, the forces of obstacles on
-    particles are summed in `data.impulse`. `spared` marks particles that obstacles ignore, shape [particle_count];
-    see `SurfaceContact`. Raises ValueError if an entry is no collider, or has another number of dimensions than
-    the system.
+    `colliders` must have a rigid obstacle; the rigid ones act on a particle in the given order, by the `rule`
+    "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`. If `contact_forces`, the forces of
+    obstacles on particles are summed in `data.impulse`. `spared` marks particles that obstacles ignore, shape
+    [particle_count]; see `SurfaceContact`. Raises ValueError if an entry is no collider, or has another number of
+    dimensions than the system.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Colliders(FrameTables):
         if self.overlapping_at_start:
             data.surface.slack = touching(model.system)
         self._moving: list[tuple[int, Motion, NDArray]] = [
-            (k, collider.motion, collider.centre(self._dim))
+            (k, collider.motion, collider.center(self._dim))
             for k, collider in enumerate(colliders)
             if collider.motion is not None
         ]
@@ -129,7 +129,10 @@ class Colliders(FrameTables):
         self._dt, self._times = dt, dt * np.arange(-1, max(substeps, 2) + 1)
 
     def fill(self, time: float, tables: Tables) -> None:
-        """Write the poses of the frame that begins at `time` [s], and mean velocities over the substeps before."""
+        """Write the poses of the frame that begins at `time` [s]: one for each substep, and one for its end.
+
+        Beside each is written the mean velocity in the substep before.
+        """
         for k, motion, centre in self._moving:
             turn, shift = self._poses(k, motion, centre, time)
             tables["shift"][:, k], tables["speed"][:, k] = shift[1:], (shift[1:] - shift[:-1]) / self._dt
@@ -151,7 +154,7 @@ class Colliders(FrameTables):
             self._frames.upload(lambda tables: self._fill_still(time, tables))
 
     def _fill_still(self, time: float, tables: Tables) -> None:
-        """Write the poses at `time` [s], and the mean velocities just before, for all substeps."""
+        """Write for all substeps the pose at `time` [s], and the mean velocity in the substep before that."""
         self.fill(time, tables)
         for table in tables.values():
             table[1:] = table[:1]

@@ -39,12 +39,12 @@ class ContactForces:
         return wp.zeros(self._model.particle_count, dtype=wide, device=self._model.device)
 
     def begin(self) -> None:
-        """Launch the reset of the sums at a frame's start, in a graph or not."""
+        """Launch the reset of the sums at a frame's start. A graph may record it."""
         for impulse in self._summed:
             impulse.zero_()
 
     def by_all(self) -> wp.array:
-        """Launch the sum of the impulses of obstacles and bodies, in a graph or not; return the sum [N s]."""
+        """Launch the sum of the impulses of obstacles and bodies; return the sum [N s]. A graph may record it."""
         model = self._model
         inputs = [self.mass, self.by_obstacles, self.by_bodies]
         wp.launch(sum_impulses(model.dim), model.particle_count, inputs, [self._sum], device=model.device)

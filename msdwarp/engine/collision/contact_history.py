@@ -72,7 +72,7 @@ class WithHistory(Effect):
                 wp.copy(getattr(self._history, name), getattr(other._history, name))
 
     def take_history(self, arrays: Mapping[str, NDArray]) -> None:
-        """Take what touches, and how far it has slipped, from a `checkpoint`."""
+        """Take the bodies that touch, and their tangential displacements, from a `checkpoint`."""
         for name in self._names:
             if (stored := f"{self._prefix}.{STORED[name]}") in arrays:  # those of before 0.3 lack some
                 getattr(self._history, name).assign(arrays[stored])

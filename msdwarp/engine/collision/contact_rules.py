@@ -92,7 +92,7 @@ class ContactRules:
         return np.append(self.stiffness, -1.0)[self.between(a, b)]
 
     def pair_stiffness(self, a: Any, b: Any, own_a: Any, own_b: Any) -> NDArray[np.float64]:
-        """Return the stiffness of contacts between bodies a and b [N/m]: a rule's, or from their own ones."""
+        """Return the stiffness of contacts of bodies a and b [N/m]: the rule's, or the harmonic mean of theirs."""
         given = self.given_stiffness(a, b)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(given < 0, harmonic_mean(own_a, own_b), given)
@@ -179,7 +179,7 @@ def harmonic_mean(a: Any, b: Any) -> Any:
 
 
 def _directions(surfaces: TouchingSurfaces, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return for vertices at x [m] the mean of n nᵀ over the facets around each, 1 where there is no triangle."""
+    """Return for vertices at x [m] the mean of n nᵀ over the triangles around each; the identity without any."""
     outer, _, total = facet_moments(x, surfaces.corner)
     bare = (total == 0)[:, None, None]
     return np.where(bare, np.eye(3), outer / np.where(bare, 1.0, total[:, None, None]))

@@ -101,10 +101,12 @@ def densities(
     body: NDArray[np.int32],
     midpoint: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Return each point's stiffness as a fraction of that of an independent vertex of its body, by its area.
+    """Return the stiffness of contact at each point, as a fraction of its body's contact stiffness.
 
-    Vertices are at x [m], shape [vertex_count, 3]. Of a triangle's area, or a segment's length, half belongs to
-    its corners and half to the midpoints of its sides, where these are points; `midpoint` from `sides_between`.
+    It is proportional to the area around the point, and sums in a body to its number of independent vertices. Half
+    of a triangle's area, or of a segment's length, belongs to its corners. The other half belongs to the midpoints
+    of its sides, where these are points. Vertices are at x [m], shape [vertex_count, 3]; `midpoint` is from
+    `sides_between`.
     """
     corner = surfaces.corner
     a, b, c = x[corner].transpose(1, 0, 2)
@@ -165,7 +167,7 @@ def hosts(surfaces: TouchingSurfaces, midpoint: NDArray[np.int64]) -> NDArray[np
 def neighbourhoods(
     surfaces: TouchingSurfaces, hops: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return row starts, and the neighbours of each vertex: all within `hops` edges, and the vertex itself."""
+    """Return where the row of each vertex starts, and rows: the vertices within `hops` edges, and itself."""
     count, corner = len(surfaces.particle), surfaces.corner
     edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
     edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)

@@ -151,9 +151,10 @@ class DivisionPlanes(Effect):
         self._give_room(LEAST_ROOM if self.may_sleep else ROOM * model.worlds * (vertices + len(edge)))
 
     def begin(self, substeps: int, dt: float) -> None:
-        """Note the kernels that keep pairs apart, which may wake in any frame, and on a CPU load them.
+        """Note the kernels that keep pairs apart, which any frame may need, and load them on a CPU.
 
-        For a GPU they compile beside those of substeps, and not before them with those of searches.
+        They are noted here and not in the constructor, so that for a GPU they compile together with the kernels of
+        substeps, and the search for neighbors before the first frame does not wait for them.
         """
         model, note, scalar = self._model, self._model.kernels.note, self._model.scalar
         note(self._keep, block=MOST_THREADS, first=True)
@@ -174,8 +175,8 @@ class DivisionPlanes(Effect):
         self.neighbors = weakref.proxy(neighbors)  # which owns this: memory of a device is to be freed at once
         facets, pieces = len(neighbors.tree.facet), len(neighbors.tree.piece)
         self._warps = FEW_BY_WARPS if pieces <= FEW_PIECES else 1
-        on_gpu = self._model.device.is_cuda and not self._grains
-        self._searching = self._warps * WARP * pieces if on_gpu else facets
+        self._by_warps = self._model.device.is_cuda and not self._grains
+        self._searching = self._warps * WARP * pieces if self._by_warps else facets
         """Threads that list near facets: some warps for each piece of the tree, or one for each facet."""
         self._give_room_to_facets(NEAR_A_FACET * facets)
         scalar = self._model.scalar
@@ -184,7 +185,7 @@ class DivisionPlanes(Effect):
     def _searches(self) -> tuple[Any, Any, Any]:
         """Return the kernels that list near facets, their tests and near pairs."""
         scalar = self._model.scalar
-        near = find_near_facets(scalar, self.neighbors.lanes, self._grains)
+        near = find_near_facets(scalar, self._by_warps, self._grains)
         return near, list_tests(scalar), find_pairs(scalar, self.tangles)
 
     def find(self, frame_begins: bool) -> None:
@@ -286,8 +287,9 @@ class DivisionPlanes(Effect):
     def judge(self, pairs: int, held: bool) -> bool:
         """Decide whether coming frames keep pairs apart; return whether the finished frame must be repeated.
 
-        `pairs` is the number of pairs if surfaces might meet or the list was full, else 0. If it was full,
-        the repeated frame decides. `held` tells whether nothing moved further than expected.
+        `pairs` is 0, or the number of near pairs if surfaces might meet in the frame or the list had no room for
+        all pairs. Without room, the repeated frame decides. `held` tells whether neighbor lists held: whether
+        nothing moved further than expected.
         """
         if self.may_sleep:
             self._surprised = max(0, self._surprised - 1) if held else SURPRISED
@@ -331,10 +333,19 @@ class DivisionPlanes(Effect):
 
 
 def edges(surfaces: TouchingSurfaces) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the ends of each edge, the parts that each facet owns, as bits, and contact points on its parts.
+    """Return the edges of surfaces, and the facet to which each vertex and each edge belongs.
 
-    The first facet around a vertex or edge owns it, see `parts_of_facets`. A point below 0: there is none. A grain
-    (a particle that is a facet) counts as an edge with two equal ends.
+    A vertex or an edge belongs to the first facet around it, so that each is tested once. A grain (a particle that
+    is a facet) counts as an edge with two equal ends.
+
+    Returns
+    -------
+    edge
+        The vertices at the ends of each edge, shape [edge_count, 2].
+    owned
+        Bits for the corners (0 to 2) and the sides (3 to 5) that belong to each facet, shape [facet_count].
+    points
+        The contact point on each corner and side of each facet, below 0 without one, shape [6 facet_count].
     """
     corner, (part, points) = surfaces.corner, parts_of_facets(surfaces)
     number, first = np.unique(part, return_index=True)

@@ -274,7 +274,7 @@ class NeighborList:
         wp.launch(kernel, threads, [*inputs, threads], outputs, device=device)
 
     def _begin(self, after: float) -> None:
-        """Launch the start of a search: the boxes around facets, pieces, groups and bodies."""
+        """Launch the start of a search: boxes around facets and all nodes of the tree."""
         tree, given = self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
         soon = (self.check_every + ALLOWANCE) * self.dt
@@ -305,7 +305,7 @@ class NeighborList:
         self.flags.zero_()
 
     def _find_rows(self, frame_begins: bool = True) -> None:
-        """Launch the search for near pairs and for the facets near each point, with the current boxes."""
+        """Launch the search for near pairs and for the facets near each point; boxes must be up to date."""
         contact, tree, many = self._contact, self.tree, len(self.tree.body_lower)
         by_tree, tree_of_bodies = (0, 0) if self._bodies is None else (1, self._bodies.id)
         threads = many if by_tree else self._warp * many

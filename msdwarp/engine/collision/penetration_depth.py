@@ -78,11 +78,15 @@ def _distances(collider: Collider, geometry: Mapping[str, Any], x: NDArray[np.fl
 
 def ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:
     """Return the shortest displacement from each point inside an obstacle to outside [m]; 0 if ambiguous."""
-    depth = start_depths(position, [collider])[0]
+    return start_depths(position, [collider])[0][:, None] * outward_normals(position, collider)
+
+
+def outward_normals(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:
+    """Return the unit vector of the shortest way out of an obstacle at each point; 0 if ambiguous."""
     step = 1e-6 * max(1.0, float(np.abs(position).max()))
     steps = step * np.eye(position.shape[1])
     rise = [start_depths(position + e, [collider])[0] - start_depths(position - e, [collider])[0] for e in steps]
-    return -depth[:, None] * np.stack(rise, axis=1) / (2 * step)
+    return -np.stack(rise, axis=1) / (2 * step)
 
 
 def touching(system: System) -> float:

@@ -57,9 +57,10 @@ class SoftColliders(Effect):
         self.data.dt = dt
 
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add half of the largest stiffness to the block of each particle at any place: it may soon be in contact.
+        """Add half of the largest stiffness k to each particle's block, wherever it is: it may soon be in contact.
 
-        If colliders dissipate, a particle that hits one at the speed 1/c has at most the damping √(k m).
+        If obstacles dissipate, add the damping √(k m) too. That is the most for a particle that hits an obstacle
+        of dissipation c at the speed 1/c [m/s].
         """
         model = self._model
         table = model.table("inverse_mass")

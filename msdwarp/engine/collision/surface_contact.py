@@ -204,9 +204,9 @@ class SurfaceContact(WithHistory):
         )
 
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
-        """Add the stiffness of contact with obstacles, if larger than that between bodies.
+        """Raise the stiffness of contact between bodies to that of contact with obstacles, if this is larger.
 
-        Dampers limit themselves.
+        Dampers add nothing: kernels limit each of them so that it does not shorten the stable step.
         """
         more = np.maximum(self._blocks - self._touching.blocks[0], 0.0)
         stiffness.assign(stiffness.numpy() + more[:, None, None] * np.eye(self._model.dim))
@@ -239,9 +239,10 @@ def _blocks(
 ) -> NDArray[np.float64]:
     """Return the contributions of obstacles to diagonal blocks of K [N/m], scalars of each particle.
 
-    A sample with weights w has the stiffness matrix k w wᵀ, whose row i sums to at most k w_i (Gershgorin); blocks
-    get half of that. If all samples are inside, each corner of a facet has a third. Half of that is used: all
-    samples of a body are inside only if its particles move together, and then its springs are at rest.
+    A sample with weights w has the stiffness matrix k w wᵀ. Its row i sums to k w_i, which bounds it (Gershgorin);
+    half of that is returned, since the stability bound doubles blocks. With all samples inside, each corner of a
+    facet gets a third of their stiffness. Again half of that is returned: all samples of a body are inside only if
+    its particles move together, and then its springs do not oscillate.
     """
     on_vertices = np.zeros(len(surfaces.particle))
     np.add.at(on_vertices, corner, np.repeat(0.25 * QUADRATURE_POINTS / 3 * stiffness[:, None], 3, axis=1))

@@ -22,8 +22,8 @@ NONE = -(2**30)
 class TornFacets:
     """Leaves out of contact, from the next frame on, the facets of sheets and ropes that have torn.
 
-    A triangle tears when two of its sides break, or the first if one has no spring, as it is drawn; see
-    `bodies.Edges`. Solid bodies keep their surfaces.
+    A triangle tears when two of its sides break; if one side has no spring, when the first of the others breaks.
+    Pictures follow the same rule (`bodies.Edges`). Solid bodies keep their surfaces.
 
     `contact` is the device's struct of contact, `pairs` that of near pairs, `broken_at` as in `Fracture`.
     """

@@ -11,6 +11,7 @@ from .device import view_of
 
 Tables = dict[str, NDArray]
 """Tables by name, in the device's precision; coordinates of vectors and matrices are the last axes."""
+Fill = Callable[[float, Tables], None]
 _ALIGNED = 4
 """Required alignment of tables, in numbers, for fast reads on the device."""
 
@@ -22,17 +23,11 @@ class InFrames:
     prepared while the previous frame runs.
 
     `tables` has the shape and the Warp type of each table by name, all with the scalar type `scalar`.
-    `fill(time, tables)` writes the host's tables for the frame that begins at `time` [s]; other entries keep their
-    values, at first 0. `arrays` are the tables on the device, `tables` those on the host.
+    A function `fill(time, tables)` writes the host's tables for the frame that begins at `time` [s]; other entries
+    keep their values, at first 0. `arrays` are the tables on the device, `tables` those on the host.
     """
 
-    def __init__(
-        self,
-        tables: Mapping[str, tuple[tuple[int, ...], Any]],
-        scalar: Any,
-        device: Any,
-        fill: Callable[[float, Tables], None],
-    ) -> None:
+    def __init__(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> None:
         places, total = {}, 0
         for name, (shape, dtype) in tables.items():
             whole = (*shape, *getattr(dtype, "_shape_", ()))
@@ -49,27 +44,26 @@ class InFrames:
             shape, dtype = tables[name]
             self.tables[name] = numbers[first : first + math.prod(whole)].reshape(whole)
             self.arrays[name] = view_of(self._there, shape, dtype=dtype, offset=first * size)
-        self._fill = fill
         self._holds: float | None = None
         """The start of the frame in the host's tables [s]; None if they belong to no frame."""
 
-    def prepare(self, time: float) -> None:
+    def prepare(self, time: float, fill: Fill) -> None:
         """Fill the host's tables for the frame that begins at `time` [s], while another frame may be running.
 
         An error is raised only when that frame begins.
         """
         try:
-            self._fill_in(time)
+            self._fill_in(time, fill)
         except Exception:
             self._holds = None
 
-    def begin_frame(self, time: float) -> None:
+    def begin_frame(self, time: float, fill: Fill) -> None:
         """Upload the tables of the frame that begins at `time` [s]; first fill them unless `prepare` has done so.
 
         If `fill` raises, the device's tables stay as they are.
         """
         if self._holds != time:
-            self._fill_in(time)
+            self._fill_in(time, fill)
         self._holds = None  # each frame is filled once, since functions may return other values when called again
         self._copy()
 
@@ -80,11 +74,11 @@ class InFrames:
         fill(self.tables)
         self._copy()
 
-    def _fill_in(self, time: float) -> None:
+    def _fill_in(self, time: float, fill: Fill) -> None:
         """Fill the host's tables for the frame that begins at `time` [s]."""
         self._holds = None
         self._wait()
-        self._fill(time, self.tables)
+        fill(time, self.tables)
         self._holds = time
 
     def _copy(self) -> None:

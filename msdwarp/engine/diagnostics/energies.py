@@ -106,12 +106,12 @@ class Sums:
         model = assembly.model
         self._model, self._work = model, assembly.external_work if with_work else None
         self._more = more
-        self._shares = None if self._work is None else self._work.shares()
+        self._partial = None if self._work is None else self._work.partial_sums()
         count = max(model.particle_count, model.connection_count if everything else 0)
         self._sweep = Sweep(model, count, columns.COLUMNS if everything else columns.LOOKED)
         # Springs to second neighbours are compressed even in a flat sheet, so only the others show its strain.
         plain = model.system.yields or not everything
-        between = None if plain else model.system.between_neighbours
+        between = None if plain else model.system.between_neighbors
         self._tears = int(assembly.fracture is not None)
         # A pass over particles alone uses one kernel for all spring laws.
         self._laws = model.law_forms if everything else Laws()
@@ -126,10 +126,10 @@ class Sums:
         `x_lost` are the rounding errors of x.
         """
         model = self._model
-        if self._work is not None and self._shares is not None:
-            self._work.launch(x, u, self._shares, self._more)
+        if self._work is not None and self._partial is not None:
+            self._work.launch(x, u, self._partial, self._more)
         inputs = [model.table("inverse_mass"), model.table("gravity"), model.connection_table(self._laws)]
-        inputs += [self._counts, self._tears, x, x_lost, u, v, self._shares]
+        inputs += [self._counts, self._tears, x, x_lost, u, v, self._partial]
         self._sweep.launch(self._kernel, inputs, found)
 
 

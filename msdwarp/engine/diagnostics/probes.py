@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...bodies import CORNERS, connection_shares, mask_of, von_mises
+from ...bodies import CORNERS, connection_fractions, mask_of, von_mises
 from ...kernels.basis import vector
 from ...kernels.integrators.stages import force_on_each
 from ...kernels.reductions import probes
@@ -143,20 +143,20 @@ class _Part:
             setattr(self._data, name, value)
         most = max(MOST_THREADS // model.worlds, 1)
         threads = min(max(work * count // FEW_EACH, 1), most) if device.is_cuda else 1
-        self._shares = wp.zeros((model.worlds, threads, of.columns), dtype=wp.float64, device=device)
+        self._partial = wp.zeros((model.worlds, threads, of.columns), dtype=wp.float64, device=device)
 
     def launch(self, rows: wp.array, **state: Any) -> None:
         """Launch the sum for a state, given as fields of the data, and its addition into a few rows."""
         for name, value in state.items():
             setattr(self._data, name, value)
-        shares = self._shares
-        wp.launch(self._kernel, shares.shape[:2], [self._data, self._count], [shares], device=shares.device)
-        threads, where = (*rows.shape[:2], shares.shape[2]), [self._largest, self._first]
-        wp.launch(fold, threads, [shares, *where], [rows], device=shares.device)
+        partial = self._partial
+        wp.launch(self._kernel, partial.shape[:2], [self._data, self._count], [partial], device=partial.device)
+        threads, where = (*rows.shape[:2], partial.shape[2]), [self._largest, self._first]
+        wp.launch(fold, threads, [partial, *where], [rows], device=partial.device)
 
 
 def _springs(model: Model) -> dict[str, Any]:
-    """Return the fields of the data of `spring_sums` that all sums share."""
+    """Return the fields of the data of `spring_sums` that all sums have in common."""
     return {"connections": model.connections} | {name: model.table(name) for name in CONSTANTS}
 
 
@@ -205,10 +205,10 @@ class _StressSum:
         system, device = model.system, model.device
         cells, inside = system.cells, probe.cells(system)
         assert cells is not None
-        share = model.ordered(connection_shares(system, inside))
-        chosen = np.flatnonzero(share)
+        fraction = model.ordered(connection_fractions(system, inside))
+        chosen = np.flatnonzero(fraction)
         springs: dict[str, Any] = _springs(model) | {
-            "weight": wp.array(share[chosen], dtype=wp.float64, device=device),
+            "weight": wp.array(fraction[chosen], dtype=wp.float64, device=device),
             "member": wp.array(chosen, dtype=int, device=device),
         }
         own: dict[str, Any] = {"corners": wp.array(cells.corners[inside], dtype=int, device=device)}

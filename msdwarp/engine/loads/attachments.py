@@ -41,7 +41,7 @@ class AttachmentSprings(FrameTables):
         ]
         self._moving = self.timed = bool(self._carriers)
         self.prescribed = [
-            (f"{name}.carried_by", one.motion, one.centre(model.dim)) for name, one in self._carriers
+            (f"{name}.carried_by", one.motion, one.center(model.dim)) for name, one in self._carriers
         ]
         self._damped = bool(self._hands) or any(one.damping for one in several)
         piece, self._law, self._blocks, self._measure = attachments(
@@ -162,7 +162,7 @@ class AttachmentSprings(FrameTables):
         name, carrier = self._carriers[k]
         assert carrier.motion is not None
         furthest = float(np.finfo(self._model.dtype).max) / 4
-        return poses(f"{name}.carried_by", carrier.motion, carrier.centre(self._model.dim), times, furthest)
+        return poses(f"{name}.carried_by", carrier.motion, carrier.center(self._model.dim), times, furthest)
 
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:
         """Add half of each attachment's stiffness and damping to the blocks, which the stability bound doubles."""

@@ -16,23 +16,23 @@ from ..model.model import Model
 
 
 def element_loads_of(model: Model, loads: Sequence[Load]) -> list[Effect]:
-    """Return the effects of the loads of a scene that are sums over elements, one for each kind."""
-    kinds = dict.fromkeys(type(one) for one in loads if isinstance(one, ElementLoad))
-    return [ElementLoads(model, [one for one in loads if type(one) is kind]) for kind in kinds]
+    """Return the effects of the loads of a scene that are sums over elements, one for each law."""
+    kinds = dict[tuple[str, str], list[ElementLoad]]()
+    for one in loads:
+        if isinstance(one, ElementLoad):
+            kinds.setdefault((type(one).__module__, one.law), []).append(one)
+    return [ElementLoads(model, several) for several in kinds.values()]
 
 
 class ElementLoads(Effect):
-    """All loads of a kind; `evaluate` is in the file of `kernels/loads` that is named as that of their class."""
+    """All loads of a law, a function in the file of `kernels/loads` that is named as that of their class."""
 
-    def __init__(self, model: Model, loads: Sequence[Load]) -> None:
-        several = [one for one in loads if isinstance(one, ElementLoad)]
-        self._model, self.conserves = model, several[0].stores
-        evaluate = import_module(
-            f"msdwarp.kernels.loads.{type(several[0]).__module__.rpartition('.')[2]}"
-        ).evaluate
-        points, own = (
-            np.concatenate(each) for each in zip(*(one.elements(model.system) for one in several), strict=True)
-        )
+    def __init__(self, model: Model, loads: Sequence[ElementLoad]) -> None:
+        self._model, self.conserves = model, loads[0].stores
+        name = type(loads[0]).__module__.rpartition(".")[2]
+        evaluate = getattr(import_module(f"msdwarp.kernels.loads.{name}"), loads[0].law)
+        each = zip(*(one.elements(model.system) for one in loads), strict=True)
+        points, own = (np.concatenate(arrays) for arrays in each)
         how = evaluate, points.shape[1], own.shape[1], self.conserves
         composed = element_load(model.dim, model.scalar, model.compensated, *how)
         piece, self._law, self._blocks, self._energies = composed

@@ -22,7 +22,7 @@ _STORED = {
     "AttachmentSprings": "attached",
 }
 """Names of effects' work in checkpoints."""
-MOST_SHARES = 4096
+MOST_THREADS = 4096
 """Maximal number of threads that sum the work on a GPU."""
 
 
@@ -75,10 +75,10 @@ class Work(Effect):
         if self._others or (self._counts and self.steps.lagging):
             self._model.kernels.note(add_work)
         each = dt * np.asarray(self.steps.weights)
-        for name, share in (("weight", 1.0 - lags), ("weight_of_last", lags)):
+        for name, fraction in (("weight", 1.0 - lags), ("weight_of_last", lags)):
             if not self._counts:
                 break
-            rows = np.append(np.tile(share * each, substeps), 0.0)
+            rows = np.append(np.tile(fraction * each, substeps), 0.0)
             setattr(self.data, name, wp.array(rows, dtype=wp.float64, device=self._device))
             setattr(self.idle, name, wp.zeros(len(rows), dtype=wp.float64, device=self._device))
 
@@ -99,26 +99,26 @@ class Work(Effect):
         self._last.zero_()
         self.before += done - self.totals(x, v)
 
-    def shares(self) -> wp.array:
+    def partial_sums(self) -> wp.array:
         """Return an array for the partial sums of threads; each world has equally many threads."""
-        most = max(1, MOST_SHARES // self._model.worlds)
+        most = max(1, MOST_THREADS // self._model.worlds)
         threads = max(1, min(self._model.particle_count // 8, most)) if self._device.is_cuda else 1
         return wp.zeros(self._model.worlds * threads, dtype=wp.float64, device=self._device)
 
-    def launch(self, x: wp.array, v: wp.array, shares: wp.array, more: wp.array | None = None) -> None:
+    def launch(self, x: wp.array, v: wp.array, partial: wp.array, more: wp.array | None = None) -> None:
         """Launch the sums for positions x, the method's velocities v and `more` work; a graph may record it."""
         model = self._model
         inputs = [model.particle_count, model.stride, model.worlds, self._done, self._last, v, self._remaining]
         inputs += [self._combination, self._steady, x]
-        wp.launch(self._sum, len(shares), inputs, [shares], device=self._device)
+        wp.launch(self._sum, len(partial), inputs, [partial], device=self._device)
         for done in (*self._others.values(), *([] if more is None else [more])):
-            wp.launch(add_work, len(shares), [done.flatten(), model.worlds], [shares], device=self._device)
+            wp.launch(add_work, len(partial), [done.flatten(), model.worlds], [partial], device=self._device)
 
     def totals(self, x: wp.array, v: wp.array) -> NDArray[np.float64]:
         """Return the work so far in each world [J], for current positions x and velocities v."""
-        shares = self.shares()
-        self.launch(x, v, shares)
-        return self.before + shares.numpy().reshape(self._model.worlds, -1).sum(axis=1)
+        partial = self.partial_sums()
+        self.launch(x, v, partial)
+        return self.before + partial.numpy().reshape(self._model.worlds, -1).sum(axis=1)
 
     @property
     def changing(self) -> list[wp.array]:

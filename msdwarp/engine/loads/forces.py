@@ -59,7 +59,7 @@ class GivenForces(Effect):
     def __init__(self, model: Model, forces: Named, varies: bool) -> None:
         piece, self._law = given_force(model.dim, model.scalar, model.compensated, varies)
         self.piece, self.data, self._model, self.named = piece, piece.Data(), model, forces
-        self._shares, self._combination = combinations(model, forces)
+        self._weights, self._combination = combinations(model, forces)
         self.members = self._combination > 0
         upload_fields(self.data, model.device, combination=self._combination)
 
@@ -72,8 +72,8 @@ class GivenForces(Effect):
     def parameters(self) -> dict[str, Parameter]:
         """Return the forces as parameters, for gradients, which convert derivatives by those of combinations."""
         return {
-            name: Parameter(lambda sums, share=share: share @ sums, one.varies)
-            for (name, one), share in zip(self.named, self._shares.T, strict=True)
+            name: Parameter(lambda sums, weights=weights: weights @ sums, one.varies)
+            for (name, one), weights in zip(self.named, self._weights.T, strict=True)
         }
 
 
@@ -88,7 +88,7 @@ class Steady(GivenForces):
 
     def _of(self, forces: Named) -> NDArray[np.float64]:
         """Return the force of each combination [N]."""
-        return self._shares @ np.array([one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces])
+        return self._weights @ np.array([one.at(np.zeros(1), self._model.dim, name)[0] for name, one in forces])
 
     def exchange(self, others: Mapping[Load, Load]) -> None:
         """Replace forces by other forces on the same particles."""
@@ -102,11 +102,11 @@ class Varying(GivenForces, StageTables):
 
     def __init__(self, model: Model, forces: Named) -> None:
         super().__init__(model, forces, varies=True)
-        self.set_up(model, len(self._shares), model.vector, varies=True)
+        self.set_up(model, len(self._weights), model.vector, varies=True)
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force of each combination at each time [N], shape [time_count, combination_count, d]."""
-        return self._shares @ super().at(times)
+        return self._weights @ super().at(times)
 
 
 class Weight(StageTables):

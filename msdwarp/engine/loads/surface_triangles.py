@@ -52,19 +52,19 @@ class Faces:
     def on(self, model: Model, vertices: "EmbeddedVertices | None") -> tuple[Any, tuple[str, ...]]:
         """Return the struct of these triangles, and its arrays that have a part for each world."""
         triangle = np.repeat(np.arange(len(self.corner)), 3)
-        particle, share = self.corner.ravel(), np.zeros(0)
+        particle, total = self.corner.ravel(), np.zeros(0)
         if self.mixed:  # a particle's weight in a triangle is the sum of its weights in the triangle's corners
             entry = triangle[:, None] * np.int64(self._count) + self.facets.particle[particle]
             weight = self.facets.weight[particle] / 3
             different, number = np.unique(entry[weight != 0], return_inverse=True)
-            share = np.bincount(number, weights=weight[weight != 0])
+            total = np.bincount(number, weights=weight[weight != 0])
             triangle, particle = np.divmod(different, self._count)
         order, first = rows(particle, self._count)
         faces = triangles(model.dim, model.scalar, self.mixed)()
         upload_fields(faces, model.device, corner=self.corner, first=first, number=triangle[order])
         if vertices is None:
             return faces, ()
-        upload_fields(faces, model.device, share=share[order])
+        upload_fields(faces, model.device, weight=total[order])
         faces.x, faces.v = vertices.x, vertices.v
         return faces, ("faces.x", "faces.v")
 

@@ -70,11 +70,11 @@ class WindEffect(StageTables):
         found = {}
         for k, (name, one) in enumerate(self.named):
             of, half = name.removesuffix("velocity"), 0.5 * one.density
-            shares = {"drag": (half, 0.0), "lift": (0.0, half), "density": (0.5 * one.drag, 0.5 * one.lift)}
+            weights = {"drag": (half, 0.0), "lift": (0.0, half), "density": (0.5 * one.drag, 0.5 * one.lift)}
             if not one.lift:  # without it kernels leave its direction out
-                del shares["lift"]
-            for word, share in shares.items():
-                found[of + word] = Parameter(lambda sums, k=k, share=share: sums[..., k, :2] @ share)
+                del weights["lift"]
+            for word, weight in weights.items():
+                found[of + word] = Parameter(lambda sums, k=k, weight=weight: sums[..., k, :2] @ weight)
             if self._given:
                 found[name] = Parameter(lambda sums, k=k: sums[..., k, 2:], one.varies)
         return found

@@ -32,7 +32,7 @@ class FrameTables(Effect):
 
     def make_tables(self, tables: Mapping[str, tuple[tuple[int, ...], Any]], scalar: Any, device: Any) -> Tables:
         """Make tables of these shapes and Warp types, store them in `data` by name, and return the host's."""
-        self._frames = InFrames(tables, scalar, device, self.fill)
+        self._frames = InFrames(tables, scalar, device)
         for name, array in self._frames.arrays.items():
             self.place_table(name, array)
         return self._frames.tables
@@ -67,12 +67,12 @@ class FrameTables(Effect):
     def begin_frame(self, time: float) -> None:
         """Upload the tables of the frame that begins at `time` [s]."""
         if self._frames is not None and self.varies:
-            self._frames.begin_frame(time)
+            self._frames.begin_frame(time, self.fill)
 
     def prepare(self, time: float) -> None:
         """Fill the tables of the frame that begins at `time` [s], while another frame is running."""
         if self._frames is not None and self.varies:
-            self._frames.prepare(time)
+            self._frames.prepare(time, self.fill)
 
 
 class StageTables(FrameTables):

@@ -34,15 +34,23 @@ class ContactLaunch:
         model, self._kept = dynamics.model, [one.step(dynamics.composition) for one in stages]
         Step = self._method(dynamics.composition).Step
         self._steps = wp.array(self._kept, dtype=Step, device=model.device).reshape((2, 1))
-        model.kernels.note(self._kernel()[0], block=MOST_THREADS, first=True)
+        self._is_compiled = False
+        model.kernels.note(self._kernel()[0], block=MOST_THREADS, beside=True)
 
     @property
     def pays(self) -> bool:
         """Whether one launch is faster: too few points are near anything for separate launches to fill the GPU.
 
-        False if pairs are kept apart: the kernel would compile for half a minute and save a tenth of the time.
+        False while the kernel compiles, some ten seconds beside the run; separate launches do the same until then,
+        to the last bit. False if pairs are kept apart: with that in the kernel it would compile for half a minute
+        and save a tenth of the time.
         """
-        return not self._effect.planes.awake and self._effect.neighbors.active <= MOST_ACTIVE
+        if self._effect.planes.awake or self._effect.neighbors.active > MOST_ACTIVE:
+            return False
+        if not self._is_compiled:
+            kernels = self._dynamics.model.kernels
+            self._is_compiled = kernels.is_compiled(self._kernel()[0], MOST_THREADS)
+        return self._is_compiled
 
     def _kernel(self) -> tuple[Any, Any]:
         """Return the kernel, and what it does before forces."""

@@ -21,7 +21,7 @@ from ..model.model import Model
 from .assemble import Assembly
 from .stages import stages_for
 
-LEAST_SHARE = 5_000
+LEAST_WORK = 5_000
 """Minimal number of springs per thread: about 50 µs of work, so that barriers cost little."""
 MOST_THREADS = 1024
 """Maximal number of threads: more take long to start, and the system may have no more."""
@@ -216,10 +216,10 @@ def threads_for(assembly: Assembly, threads: int | str) -> int:
     most = os.environ.get(THREADS, "")
     if most and not (most.isdecimal() and int(most) > 0):
         raise ValueError(f"{THREADS} is {checks.repr_short(most)}; it must be a whole number of at least 1")
-    return max(1, min(int(most or MOST_BY_ITSELF), cores(), _work_to_share(assembly) // LEAST_SHARE))
+    return max(1, min(int(most or MOST_BY_ITSELF), cores(), _work_to_divide(assembly) // LEAST_WORK))
 
 
-def _work_to_share(assembly: Assembly) -> int:
+def _work_to_divide(assembly: Assembly) -> int:
     """Return the number of springs and contact points, which threads can divide."""
     points = sum(one.shared_points for one in assembly.all)
     if assembly.begins_substeps and any(one.precedes for one in assembly.all):  # a single thread runs the stages

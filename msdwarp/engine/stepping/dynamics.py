@@ -382,7 +382,7 @@ class Dynamics:
         """Return the effects that are evaluated within a single launch of many stages, or of one CPU thread."""
         if self.partition is not None:
             return []
-        return [one for one in self._preceding if isinstance(one.piece, ForceTerm) and one.piece.parts is not None]
+        return [one for one in self._preceding if isinstance(one.piece, ForceTerm) and one.piece.before_forces]
 
     @property
     def launches_before_forces(self) -> bool:

@@ -18,14 +18,14 @@ class Fire(Effect):
 
     def __init__(self, model: Model) -> None:
         self._model, device = model, model.device
-        shares = fire.SHARES if device.is_cuda else 1
-        self._sums = wp.zeros((fire.ROWS, shares), dtype=wp.float64, device=device)
+        threads = fire.THREADS if device.is_cuda else 1
+        self._sums = wp.zeros((fire.ROWS, threads), dtype=wp.float64, device=device)
         self._decision = wp.zeros(fire.COLUMNS, dtype=wp.float64, device=device)
         start = np.zeros(fire.COLUMNS)
         start[fire.MIXING] = fire.MIXING_AT_START
         self._decision.assign(start)
         model.kernels.note(*(of(model.dim, model.scalar) for of in (fire.fire_sums, fire.fire_mixing)))
-        model.kernels.note(fire.fire_decision, block=shares)
+        model.kernels.note(fire.fire_decision, block=threads)
 
     @property
     def largest_force(self) -> float:
@@ -51,10 +51,10 @@ class Fire(Effect):
 
     def _launch(self, before: Instant, after: Instant) -> None:
         model, device, dt = self._model, self._model.device, self.steps.dt
-        kinds, shares = (model.dim, model.scalar), self._sums.shape[1]
+        kinds, threads = (model.dim, model.scalar), self._sums.shape[1]
         inputs = [model.inverse_mass, before.v, after.v, dt]
-        wp.launch(fire.fire_sums(*kinds), shares, inputs, [self._sums], device=device)
+        wp.launch(fire.fire_sums(*kinds), threads, inputs, [self._sums], device=device)
         inputs = [self._sums, dt]
-        wp.launch(fire.fire_decision, shares, inputs, [self._decision], device=device, block_dim=shares)
+        wp.launch(fire.fire_decision, threads, inputs, [self._decision], device=device, block_dim=threads)
         inputs = [model.inverse_mass, before.v, dt, self._decision]
         wp.launch(fire.fire_mixing(*kinds), model.particle_count, inputs, [after.x, after.v], device=device)

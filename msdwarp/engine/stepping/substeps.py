@@ -106,13 +106,13 @@ class Stepper:
                 self._state.flip()
             self.contact.test_motion(self._state.state_in)
         elif self.blocks is None:
-            begun, pairs = 2, (substeps - 3) // 2  # the first two and the last substep differ from the others
-            if not self._repeats or pairs < 2:
-                begun = pairs = 0
+            begun, repeats = 2, (substeps - 3) // 2  # the first two and the last substep differ from the others
+            if not self._repeats or repeats < 2:
+                begun = repeats = 0
             self._take_each(range(begun), first)
-            if pairs:
-                self._dynamics.repeat(pairs, lambda: self._take_each(range(2, 4), 0))
-            self._take_each(range(begun + 2 * pairs, substeps), first)
+            if repeats:
+                self._dynamics.repeat(repeats, lambda: self._take_each(range(2, 4), 0))
+            self._take_each(range(begun + 2 * repeats, substeps), first)
         else:
             self._launch_all(*self.blocks, substeps * self._per_substep, first)
             if substeps % 2 and self.chip is None:
