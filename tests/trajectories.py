@@ -13,7 +13,7 @@ import pytest
 from msdwarp import Scene, System, TrajectoryWriter, ball, box, chain, sheet
 from msdwarp.bodies.frame import Frame
 from msdwarp.cli.commands.drawn import drawn
-from msdwarp.cli.options import Pictures
+from msdwarp.cli.picture_options import Pictures
 
 SYSTEMS = {
     "line": System(position=[[0.0], [1.0], [2.5]], connections=[[0, 1], [1, 2]]),

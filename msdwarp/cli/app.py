@@ -14,7 +14,8 @@ from cyclopts import Parameter
 
 from .. import scenes
 from . import file_commands
-from .options import FitOptions, Flag, ModesOptions, Options, SimulationOptions, TuneOptions, ViewOptions
+from .options import FitOptions, ModesOptions, Options, SimulationOptions, TuneOptions, ViewOptions
+from .picture_options import Flag
 from .process import start_warp
 from .scene_files import Build, Origin, find_scene, origin_of, scene_names
 from .scene_flags import flags_app, new_app

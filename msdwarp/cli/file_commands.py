@@ -14,7 +14,8 @@ from cyclopts import Parameter
 
 from ..disk import TRAJECTORY, writable_folder
 from .error_messages import printable
-from .options import Bodies, Color, Cut, Flag, Pictures, PicturesAgain, Quiet, Verbose, ViewOptions
+from .options import Quiet, Verbose, ViewOptions
+from .picture_options import Bodies, Color, Cut, Flag, Pictures, PicturesAgain
 from .process import progress_on, start_warp
 from .results import free_folder, pictures_in
 from .script_signatures import UNTRUSTED, Script

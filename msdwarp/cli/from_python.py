@@ -121,7 +121,8 @@ def _options(given: Mapping[str, Any]) -> "Options":
     from ..integrators import METHODS, Integrator
     from ..runtime import parameter_meant
     from .error_messages import allowed
-    from .options import Options, Pictures
+    from .options import Options
+    from .picture_options import Pictures
     from .provenance import fits
 
     own, drawn = get_type_hints(Options), get_type_hints(Pictures)

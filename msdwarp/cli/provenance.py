@@ -41,7 +41,8 @@ from ..world import (
     sampled,
     with_potential,
 )
-from .options import Options, Pictures
+from .options import Options
+from .picture_options import Pictures
 from .scene_files import Origin
 from .script_signatures import UNTRUSTED, Script, script_as_stored
 

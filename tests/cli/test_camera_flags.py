@@ -8,7 +8,8 @@ from PIL import Image
 
 from msdwarp import Look, Trajectory
 from msdwarp.cli.commands.moments import frames_shown
-from msdwarp.cli.options import Options, Pictures
+from msdwarp.cli.options import Options
+from msdwarp.cli.picture_options import Pictures
 from msdwarp.cli.provenance import restored_options
 
 SMALL = ("--resolution", "128x72", "--device", "cpu")

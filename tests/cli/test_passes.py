@@ -9,7 +9,7 @@ from PIL import Image
 
 from msdwarp import Box, Look, Plane, Scene, Sphere, box
 from msdwarp.cli.commands.passes import PassFiles
-from msdwarp.cli.options import Pictures
+from msdwarp.cli.picture_options import Pictures
 from msdwarp.pictures import Stage
 
 LOOK = Look(azimuth=0.0, elevation=30.0, target=(0.0, 0.0, 0.5), distance=4.0)

@@ -31,7 +31,8 @@ from msdwarp import (
     shell,
 )
 from msdwarp.cli.commands.quantities import round_up
-from msdwarp.cli.options import Options, Pictures
+from msdwarp.cli.options import Options
+from msdwarp.cli.picture_options import Pictures
 from msdwarp.pictures import ColorScale, Drawing
 from msdwarp.shapes import icosphere
 from msdwarp.textures import gingham

@@ -7,7 +7,7 @@ from test_coloring import colors_of
 
 import msdwarp as msd
 from msdwarp import checks
-from msdwarp.cli.options import Pictures
+from msdwarp.cli.picture_options import Pictures
 from msdwarp.pictures import Drawing
 from msdwarp.pictures.parts import Tubes
 from msdwarp.world.stored_scene import scene_as_stored, scene_from_stored

@@ -22,7 +22,7 @@ from ...pictures import (
     write_film,
 )
 from ...world import Scene
-from ..options import Pictures, parse_resolution
+from ..picture_options import Pictures, parse_resolution
 from ..process import stop_requests
 from ..results import overlay_path, pass_path, still_path
 from ..signals import Interrupted, word

@@ -11,7 +11,7 @@ from ...bodies import in_space, mask_of, pieces
 from ...files import DrawnFrame, DrawnMesh, Trajectory, finite_values, free_name
 from ...pictures import Drawing, Obstacle, Part, Stage, Tubes, framed, uncovered
 from ...world import FINISHES, Scene
-from ..options import Pictures, parse_resolution
+from ..picture_options import Pictures, parse_resolution
 from .quantities import dressed
 
 

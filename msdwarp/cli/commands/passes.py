@@ -10,7 +10,7 @@ from PIL import Image
 from ...disk import writing
 from ...pictures import ColorScale, Drawing, Passes, Stage
 from ...world import Scene
-from ..options import Pictures
+from ..picture_options import Pictures
 from ..results import MASKS, pass_path
 from .drawn import bodies_of
 from .moments import Moment

@@ -13,7 +13,7 @@ from ...files import FrameArray, Trajectory
 from ...pictures import ColorScale
 from ...studies import particle_energies, system_in
 from ...world import Scene
-from ..options import Pictures
+from ..picture_options import Pictures
 
 Values = Callable[[int], NDArray[np.float64]]
 

@@ -18,7 +18,8 @@ from ...live import FIRST_FRAME, Handling, read_deeds, within_reach
 from ...simulation import Simulation, frame_count
 from ...studies import EnergyLog
 from ...world import Scene
-from ..options import Options, Pictures, PicturesAgain
+from ..options import Options
+from ..picture_options import Pictures, PicturesAgain
 from ..provenance import digest, rebuild_scene, restored_options
 from ..results import RESTART, own_folder, pictures_in
 from ..script_signatures import UNTRUSTED, Script

@@ -14,7 +14,8 @@ from ...files import Trajectory
 from ...live import Browser, Played, Running, Source, View, Window, within_reach
 from ...pictures import no_display
 from ...world import Scene
-from ..options import CameraOptions, Pictures, ViewOptions
+from ..options import ViewOptions
+from ..picture_options import CameraOptions, Pictures
 from ..process import stop_requests
 from ..scene_files import Origin, find_scene
 from .run import about, simulation_by
