@@ -224,9 +224,7 @@ def with_material(
     for body in fields["directions"]:
         axes = next((n for n in (3, 2, 1) if set("xyz"[:n]) <= body.keys()), 0)
         corners = (
-            body_cells(fields["connections"], len(mask), body, axes)
-            if axes
-            else np.empty((0, 1), dtype=np.int64)
+            body_cells(fields["connections"], len(mask), body, axes) if axes else np.empty((0, 1), dtype=np.int64)
         )
         inside = np.asarray(mask[corners].all(axis=1))
         if not inside.any():

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..bodies import Cells, Material, Surface, System, connection_between, sides_of
-from ..runtime import renamed
 from .joining import join
 from .lattices import section_of
 from .meshes import halved, merged, read_mesh, shared_normals
@@ -19,7 +18,6 @@ MOST_STRETCH = 0.5
 """Largest change of an edge's rest length by a tension, over its length."""
 
 
-@renamed(bending="folding")
 def shell(
     mesh: Any,
     *,

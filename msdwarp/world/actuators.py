@@ -27,9 +27,8 @@ class Actuator(Load):
     Parameters
     ----------
     strain
-        s, the relative change of the rest length, negative for contraction: a number, or a function of time [s]
-        that returns one; above −1 and below 1. The stability bound uses the minimum over the first ten seconds, if
-        the function can be evaluated there.
+        s, the relative change of the rest length, negative for contraction: a number, or a function of time [s],
+        above −1 and below 1. The stability bound uses its minimum over the first ten seconds, where defined.
     on
         Particles that contain both ends of each of its connections; see `Load`.
     along
@@ -39,15 +38,13 @@ class Actuator(Load):
         Delay of each particle [s], a number or shape [particle_count]; a connection has the mean delay of its two
         ends. For a wave of speed c it is x/c. The strain is then also evaluated at negative times.
     cells
-        Corners of cells, shape [any, k], such as those by `voxel_corners`: its connections are those between
-        corners of one of these cells. By default all connections.
+        Corners of cells, shape [any, k], of which one has both ends: see `voxel_corners`. By default all.
 
     Raises
     ------
     ValueError
-        If the strain is out of range, a delay is not finite, or `along` is not a name. In a scene also if the
-        system has no such direction, there is no such connection, one of them may yield or break, or the number of
-        delays differs from the number of particles.
+        If the strain is out of range, a delay is not finite, or `along` is not a name. In a scene also if there is
+        no such direction or connection, one may yield or break, or delays are not as many as particles.
     """
 
     strain: Any

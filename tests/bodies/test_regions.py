@@ -146,7 +146,7 @@ APART = msd.voxels([[1, 1], [1, 1], [1, 1]], 0.1, connections=[[0, 1], [0, 2], [
     ("change", "message"),
     [
         (lambda: msd.box((3, 3, 3)).with_material([0, 1], SOFT), "selection has no whole cell"),
-        (lambda: msd.box((3, 3, 3)).with_material([], SOFT), "selection has no whole cell"),
+        (lambda: msd.box((3, 3, 3)).with_material([], SOFT), "it must name one particle at least"),
         (lambda: msd.box((3, 3, 3)).with_material(slice(None), "soft"), "material is 'soft'"),
         (lambda: msd.box((3, 3, 3)).with_material(slice(None), SOFT, area=1.0), r"area is 1\.0; for this part"),
         (lambda: msd.sheet((3, 3)).with_material(slice(None), SOFT), "thickness is None; for a part of a sheet"),

@@ -189,8 +189,8 @@ def test_bad_input_is_named(options, message):
         shell(msd.icosphere(0.5, 1), **options)
 
 
-def test_the_name_of_before_0_3_leads_to_the_new_one():
-    with pytest.raises(TypeError, match=r"shell\(bending=...\) is folding since 0.3"):
+def test_what_was_bending_is_led_to_folding():
+    with pytest.raises(TypeError, match=r"'bending'.*folding"):
         shell(msd.icosphere(0.5, 1), bending=1.0)  # type: ignore[call-arg]
 
 
