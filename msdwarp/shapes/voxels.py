@@ -82,26 +82,21 @@ def voxels(
     corners, point = _particles(place, joined)
     code = codes[tuple(place.T)]
     length = spacing * float(np.ptp(place, axis=0).max() + 1)
-    part = {c: cell_part(kinds[c], axes, spacing, section, length, diagonals=True) for c in kinds}
-    of_each = {
-        name: np.array([getattr(part[c], name) for c in part]) for name in ("mass", "time", "modulus", "damping")
-    }
-    which = np.searchsorted(list(part), code)
-    size = np.array(codes.shape)
+    parts = [cell_part(one, axes, spacing, section, length, diagonals=True) for one in kinds.values()]
+    which = np.searchsorted(list(kinds), code)
+    mass, stiffness, time, modulus, damping = (np.array(values)[which] for values in zip(*parts, strict=True))
     system = System(
-        position=spacing * (point - size / 2),
-        mass=np.bincount(corners.ravel(), np.repeat(of_each["mass"][which], 2**axes)),
+        position=spacing * (point - np.array(codes.shape) / 2),
+        mass=np.bincount(corners.ravel(), np.repeat(mass, 2**axes)),
         surface=_surface(corners, code, joined, place),
-        groups={str(c): np.unique(corners[code == c]) for c in part},
-        **_springs(
-            corners, point, spacing, np.array([part[c].stiffness for c in part])[which], of_each["time"][which]
-        ),
+        groups={str(c): np.unique(corners[code == c]) for c in kinds},
+        **_springs(corners, point, spacing, stiffness, time),
     )
-    resisting = np.argsort(corners[:, 0])
-    resisting = resisting[of_each["modulus"][which[resisting]] != 0]
-    if len(resisting):
-        numbers = {name: of_each[name][which[resisting]] for name in ("modulus", "damping")}
-        system = system.replace(cells=Cells(corners=corners[resisting], rest_volume=spacing**axes, **numbers))
+    own = np.argsort(corners[:, 0])
+    own = own[modulus[own] != 0]
+    if len(own):
+        numbers = {"modulus": modulus[own], "damping": damping[own], "rest_volume": spacing**axes}
+        system = system.replace(cells=Cells(corners=corners[own], **numbers))
     return system.pin(str(FIXED)) if FIXED in kinds and FIXED not in (materials or {}) else system
 
 
