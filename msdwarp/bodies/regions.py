@@ -302,8 +302,8 @@ def _part_of(
     return cell_part(material, axes, spacing, section, longest, diagonals=diagonals)
 
 
-def _replace(values: NDArray, number: NDArray[np.integer], inside: NDArray[np.bool_], share: float) -> None:
-    """Let cells `inside` have this share of the values at their numbers, shape [cell_count, any], −1 for none.
+def _replace(values: NDArray, number: NDArray[np.integer], inside: NDArray[np.bool_], each: float) -> None:
+    """Let cells `inside` contribute `each` to the values at their numbers, shape [cell_count, any], −1 for none.
 
     What a value had before counts as that of the cells around it in equal parts.
     """
@@ -312,7 +312,7 @@ def _replace(values: NDArray, number: NDArray[np.integer], inside: NDArray[np.bo
     new = np.bincount(number[inside][there[inside]], minlength=len(values))
     changed = (new > 0) & np.isfinite(values)  # pinned particles stay
     values[changed] *= 1 - new[changed] / around[changed]
-    values[changed] += share * new[changed]
+    values[changed] += each * new[changed]
 
 
 def _with_cells(cells: Cells | None, corners: NDArray[np.int64], part: CellPart, volume: float) -> Cells | None:

@@ -94,13 +94,16 @@ def shell(
     )
     constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
     section = section_of(material, constants, {"thickness": thickness})
-    share = np.bincount(corners.ravel(), np.repeat(area / 3, 3), minlength=len(first)).astype(np.float64)
+    weight = np.bincount(corners.ravel(), np.repeat(area / 3, 3), minlength=len(first)).astype(np.float64)
     if material is None:
-        fields = {"mass": _masses(mass, total_mass, share), "stiffness": 100.0 if stiffness is None else stiffness}
+        fields = {
+            "mass": _masses(mass, total_mass, weight),
+            "stiffness": 100.0 if stiffness is None else stiffness,
+        }
         system = system.replace(**fields, damping=0.0 if damping is None else damping)
     else:
         system = _of_material(system, material, section, corners, area)
-        system = system.replace(mass=material.density * section * share)
+        system = system.replace(mass=material.density * section * weight)
     if checks.non_negative("tension", tension):
         system = _stretched(system, tension, corners)
     if checks.non_negative("folding", folding) == 0.0 or not len(across):
@@ -109,18 +112,18 @@ def shell(
     return join(system, pairs=across, stiffness=np.full(count, folding), damping=np.zeros(count))
 
 
-def _masses(mass: ArrayLike | None, total: float | None, share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mass of each particle [kg]: as given, or its share of the total."""
+def _masses(mass: ArrayLike | None, total: float | None, weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mass of each particle [kg]: as given, or its part of the total by weight."""
     if mass is not None and np.ndim(mass) == 0:  # before 0.3 a number was the total
         raise ValueError(
-            f"mass is {checks.repr_short(mass)}; since 0.3 it must be the masses of {len(share)} particles: the "
+            f"mass is {checks.repr_short(mass)}; since 0.3 it must be the masses of {len(weight)} particles: the "
             "mass of a whole shell is total_mass"
         )
     if mass is not None and total is not None:
         raise ValueError(f"total_mass is {total!r}; with mass, that of each particle, it must be left out")
     if mass is not None:
-        return checks.broadcast("mass", mass, share.shape)
-    return checks.positive("total_mass", 1.0 if total is None else total) * share / share.sum()
+        return checks.broadcast("mass", mass, weight.shape)
+    return checks.positive("total_mass", 1.0 if total is None else total) * weight / weight.sum()
 
 
 def _of_material(

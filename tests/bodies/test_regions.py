@@ -17,7 +17,7 @@ RUBBERY = Material(1200.0, 3e5, 0.1, poissons_ratio=0.4)
 SHEET, CHAIN = {"thickness": 0.01}, {"area": 0.01}
 MAKE = {
     "box": (lambda m: msd.box((5, 4, 3), 0.1, material=m), {}),
-    "box of 6": (lambda m: msd.box((5, 4, 3), 0.1, neighbours=6, material=m), {}),
+    "box of 6": (lambda m: msd.box((5, 4, 3), 0.1, neighbors=6, material=m), {}),
     "turned box": (lambda m: msd.box((5, 4, 3), 0.1, material=m).rotate(0.3, (1, 2, 3)), {}),
     "sheet": (lambda m: msd.sheet((5, 4), 0.1, material=m, **SHEET), SHEET),
     "plane": (lambda m: msd.sheet((5, 4), 0.1, material=m, dim=2, **SHEET), SHEET),
@@ -104,7 +104,7 @@ def frequencies(kind: str, n: int) -> np.ndarray:
     if kind == "chain":
         body, section = msd.chain(2 * n + 1, 1 / n, material=SOFT, dim=1, **CHAIN), CHAIN
     else:  # without diagonals a bar is rods side by side
-        body, section = msd.box((2 * n + 1, 3, 2), 1 / n, neighbours=6, material=SOFT), {}
+        body, section = msd.box((2 * n + 1, 3, 2), 1 / n, neighbors=6, material=SOFT), {}
     body = body.with_material(body.position[:, 0] > -1e-9, HARD, **section)
     free = np.flatnonzero(body.position[:, 0] > body.position[:, 0].min() + 1e-9)
     matrix = stiffness_matrix(body)[body.dim * free][:, body.dim * free]  # along x
