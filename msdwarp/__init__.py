@@ -103,6 +103,7 @@ if _typing.TYPE_CHECKING:
         cloth as cloth,
         cone as cone,
         cylinder as cylinder,
+        disc as disc,
         from_mesh as from_mesh,
         from_volume as from_volume,
         icosphere as icosphere,
@@ -112,6 +113,8 @@ if _typing.TYPE_CHECKING:
         sheet as sheet,
         shell as shell,
         viscoelastic as viscoelastic,
+        voxel_corners as voxel_corners,
+        voxels as voxels,
     )
     from .simulation import (
         Ensemble as Ensemble,

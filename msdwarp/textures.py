@@ -3,7 +3,7 @@
 Colors are given as "#rrggbb", and `size` in pixels along an edge of a face.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, wraps
 from typing import Any, ParamSpec
 
@@ -15,6 +15,11 @@ from . import checks
 P = ParamSpec("P")
 BOX_TILES = (3, 2)
 """Faces of a box side by side in its texture: columns and rows."""
+_VOXELS = (
+    *("#e9e4da", "#3a4046", "#bfc4c9", "#f08a3c", "#4a9ad4", "#7d5f49", "#6aa84f", "#d9534f"),
+    *("#8e6bbf", "#e5c04b", "#4db6ac", "#c2185b", "#90a4ae", "#795548", "#cddc39", "#1b5e7a"),
+)
+"""Colors of voxels by code: stiff ones are dark, soft ones grey, muscles orange and blue, fixed ones brown."""
 
 
 def _kept(paint: Callable[P, NDArray[np.uint8]]) -> Callable[P, NDArray[np.uint8]]:
@@ -287,3 +292,27 @@ def jelly(color: str, light: str, *, size: int = 512) -> NDArray[np.uint8]:
     # Near an edge light passes through less material.
     through = 1 - ((1 - u**4) * (1 - v**4)) ** 0.75
     return _on_box(_mix(0.08 + 0.8 * through**1.5, color, light))
+
+
+@_kept
+def voxels(colors: Mapping[int, str] | None = None, *, line: float = 0.75, size: int = 64) -> NDArray[np.uint8]:
+    """Return a texture for bodies by `msdwarp.voxels`: a square tile with a dark rim for each code from 0 to 15.
+
+    `colors` has the color of codes, others have one by default; `line` is the brightness of the rim, over that of
+    the tile. Codes from 16 on show the tiles of 0, 1, ... again.
+    """
+    given = {} if colors is None else colors
+    checks.instance("colors", given, Mapping, '{1: "#2f3437"}')
+    for code in given:
+        checks.one_of("a code in colors", code, range(len(_VOXELS)))
+    checks.between("line", line, 0.0, 1.0)
+    u, v = _grid(size)
+    rim = np.minimum(np.minimum(u, 1 - u), np.minimum(v, 1 - v)) < 0.06
+    light = np.where(rim, line, 1.0)
+    each = [
+        _shaded(_mix(np.zeros_like(u), color, color), light)
+        for color in (given.get(code, default) for code, default in enumerate(_VOXELS))
+    ]
+    side = round(len(each) ** 0.5)  # codes count from the lower left, row by row
+    rows = [np.concatenate(each[k : k + side], axis=1) for k in range(0, len(each), side)]
+    return np.concatenate(rows[::-1])

@@ -38,7 +38,7 @@ def build(*, lift: float = 0.25, stiffness: float = 100.0, damping: float = 0.00
         Length of each connection over its length before the balloon was blown up.
     """
     link, mass = 0.05, 0.03  # of a balloon, its gas, and of air that moves with it: half of what it displaces
-    skin = shell(blown_up(), mass=mass, stiffness=stiffness, damping=damping)
+    skin = shell(blown_up(), total_mass=mass, stiffness=stiffness, damping=damping)
     skin = skin.replace(rest_length=skin.length / stretch)
     # The tension of a net of triangles is √3 k (l − l0)/l; on a sphere it balances a pressure 2/R times it.
     pressure = 2 / RADIUS * 3**0.5 * stiffness * (1 - 1 / stretch)

@@ -26,7 +26,7 @@ def build(
     cloth = sheet((size, size), 1.4 / (size - 1), mass=mass, stiffness=stiffness, damping=damping, bending=bending)
     cloth = cloth.rotate(0.3).rotate(0.06, axis=(1, 0.5, 0)).translate((0.06, 0.04, 0.85))
     # An obstacle would hold the particles alone, and show between them; a body holds what is between them too.
-    ball = shell(icosphere(0.26, 3), mass=mass, stiffness=stiffness, damping=damping)
+    ball = shell(icosphere(0.26, 3), total_mass=mass, stiffness=stiffness, damping=damping)
     ball = ball.translate((0, 0, 0.3)).pin(slice(None)).named("ball")
     floor = Plane(restitution=0.0, friction=0.5)
     look = Look(texture=gingham("#b0425a", "#fdf2e0"), finish="cloth", azimuth=-60, elevation=22)

@@ -51,7 +51,7 @@ MAKERS = {
     "icosphere": (of(msd.icosphere, subdivisions=1), "radius", "", ""),
     "sheet": (of(msd.sheet, (3, 3)), "spacing mass", "stiffness damping bending", ""),
     "a sheet of a material": (of(msd.sheet, (3, 3), material=FOAM, thickness=1e-3), "thickness", "", ""),
-    "shell": (of(msd.shell, msd.icosphere(0.5, 1)), "mass", "stiffness damping bending", ""),
+    "shell": (of(msd.shell, msd.icosphere(0.5, 1)), "total_mass", "stiffness damping folding tension", ""),
     "join": (of(msd.join, PAIR, OTHER, within=1.0, stiffness=1.0), "within rest_length", "stiffness damping", ""),
     "fields": (of(BODY.replace), "mass rest_length", f"stiffness damping {STRAINS}", "velocity"),
     "translate": (of(BODY.translate), "", "", "displacement"),

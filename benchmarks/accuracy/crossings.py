@@ -188,8 +188,8 @@ def body(kind: str, rng: np.random.Generator) -> tuple[System, float]:
         made = from_mesh(icosphere(0.2, 1), SPACING, **lattice)
     else:
         points, triangles = icosphere(0.17, 1)
-        constants = {"mass": mass * len(points), "stiffness": stiffness, "damping": damping}
-        made = shell((points, triangles), **constants, bending=rng.choice([0.0, 0.3]) * stiffness)
+        constants = {"total_mass": mass * len(points), "stiffness": stiffness, "damping": damping}
+        made = shell((points, triangles), **constants, folding=rng.choice([0.0, 0.3]) * stiffness)
     made = made.translate(tuple(-made.position.mean(axis=0)))
     sound = SPACING * math.sqrt(stiffness / mass)
     return made.rotate(rng.uniform(0, 2 * np.pi), axis=tuple(rng.normal(size=3))), sound

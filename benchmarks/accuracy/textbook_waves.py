@@ -167,7 +167,7 @@ def bubble(device: str, subdivisions: int = 3) -> Found:
     Springs of the skin are at rest and weak; they add Σ k l²/R² to the stiffness.
     """
     radius, mass, outside, gamma, k = 0.1, 0.05, 1000.0, 1.4, 1.0
-    skin = msd.shell(msd.icosphere(radius, subdivisions), mass=mass, stiffness=k)
+    skin = msd.shell(msd.icosphere(radius, subdivisions), total_mass=mass, stiffness=k)
     length = np.linalg.norm(np.diff(skin.position[skin.connections], axis=1)[:, 0], axis=1)
     volume, surface = 4 / 3 * np.pi * radius**3, 4 * np.pi * radius**2
     stiffness = gamma * outside * surface**2 / volume + k * (length**2).sum() / radius**2

@@ -20,7 +20,7 @@ import msdwarp as msd
 from msdwarp.bodies import stress, von_mises
 from msdwarp.pictures.timelapse import timelapse
 from msdwarp.studies.plots import BLUE, DARK, RED
-from msdwarp.textures import gingham
+from msdwarp.textures import gingham, voxels
 from msdwarp.world import FINISHES
 
 from ..common import IMAGES, scene_scripts
@@ -178,6 +178,21 @@ def probe() -> NDArray[np.uint8]:
     return np.asarray(Image.open(file).convert("RGB"))
 
 
+def robot() -> NDArray[np.uint8]:
+    """Return a crawling robot of voxels, that of docs/howto.md."""
+    cells = np.array([[1, 3, 3, 3, 3, 3, 3, 3, 3, 1]] * 2).T
+    body = msd.voxels(cells, 0.1).translate((0, 0.1))
+    muscle = msd.Actuator(
+        lambda t: 0.2 * np.sin(6 * np.pi * t) * np.clip(t, 0, 1),
+        cells=msd.voxel_corners(cells, 3),
+        along="x",
+        delay=(body.position[:, 0] + 0.5) / 6,
+    )
+    look = msd.Look(texture=voxels(), azimuth=-75, elevation=14)
+    floor = msd.Plane(friction=0.9, restitution=0.0)
+    return at_times(msd.Scene(system=body, colliders=[floor], loads=[muscle], look=look), (3.3,))
+
+
 PICTURES: dict[str, Callable[[], NDArray[np.uint8]]] = {
     "force": force,
     "wind": lambda: shipped("flag", 3.6),
@@ -187,6 +202,7 @@ PICTURES: dict[str, Callable[[], NDArray[np.uint8]]] = {
     "attachment": attachment,
     "join": lambda: shipped("bridge", 7.0),
     "actuator": lambda: shipped("walker", 3.6),
+    "voxels": robot,
     "tear": lambda: shipped("tear", 1.7),
     "snap": lambda: shipped("snap", 0.4),
     "cookie": lambda: shipped("cookie", 0.36),

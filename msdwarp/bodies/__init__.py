@@ -1,8 +1,8 @@
 """Systems of particles joined by springs and dampers, as NumPy arrays on the host."""
 
 from .angles import Angles
-from .cells import CORNERS, NONE, Cells
-from .connectivity import pieces
+from .cells import CORNERS, FACES, NONE, Cells
+from .connectivity import CORNER_STEPS, corner_pairs, pieces
 from .contact_surfaces import (
     TouchingSurfaces,
     behind_surfaces,
@@ -24,9 +24,9 @@ from .fields import (
     scaled_parts,
 )
 from .frame import Frame, Series
-from .law_kinds import DamperKinds, LawKinds, SpringKinds, each_law, joined_laws
 from .materials import CORK, COTTON, FOAM, JELLY, MUSCLE, RUBBER, SILICONE, STEEL_WIRE, Material
 from .numbering import places_along_curve, space_filling_order
+from .regions import DamperKinds, LawKinds, SpringKinds, cell_part, each_law, joined_laws
 from .selection import body_name, mask_of, particles_meant
 from .space import AXES, in_space, rotated, rotation, rotations
 from .springs import (

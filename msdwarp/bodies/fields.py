@@ -10,7 +10,7 @@ from .. import checks
 from .angles import Angles
 from .cells import Cells
 from .dampers import Damper
-from .law_kinds import LawKinds, each_law
+from .regions import LawKinds, each_law
 from .selection import check_no_mask
 from .springs import LINEAR_SPRING, Spring
 from .surface import Surface

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from .fields import CONNECTION_FIELDS, PARTICLE_FIELDS
-from .law_kinds import LawKinds, joined_laws
+from .regions import LawKinds, joined_laws
 from .uniform import is_uniform, joined
 
 _SECOND = "second neighbours"

@@ -15,6 +15,7 @@ from .cells import Cells
 from .dampers import LINEAR, Damper
 from .fields import DEFAULTS, TEARING_FIELDS, checked, lengths
 from .numbering import between_neighbors, concatenated, renumbered
+from .regions import Regional
 from .selection import chosen, mask_of, particles_meant
 from .space import rotation_matrix
 from .springs import LINEAR_SPRING, Spring
@@ -26,7 +27,7 @@ _NAMED = 4
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class System:
+class System(Regional):
     """Particles joined by connections, each a spring and a damper along its axis. Immutable.
 
     Scalars broadcast: `mass=0.1` is a tenth of a kilogram for every particle. All arrays are read-only;
@@ -272,8 +273,7 @@ class System:
 
     def translate(self, displacement: ArrayLike) -> Self:
         """Return this system moved by `displacement` [m], shape [d]."""
-        shift = checks.vector("displacement", displacement, self.dim)
-        return self.replace(position=self.position + shift)
+        return self.replace(position=self.position + checks.vector("displacement", displacement, self.dim))
 
     def rotate(self, angle: float, axis: ArrayLike = (0, 0, 1), about: ArrayLike | None = None) -> Self:
         """Return this system, with its velocities, rotated by `angle` [rad] about an axis.

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cells import FACES
+from .connectivity import body_cells, connection_of
 from .selection import mask_of
 from .system import System
 
@@ -43,12 +44,7 @@ def connection_between(system: System, pairs: NDArray) -> NDArray[np.int64]:
 
     The system must have a connection. `pairs` has shape [..., 2], the result [...].
     """
-    n = system.particle_count
-    joined = np.sort(system.connections.astype(np.int64), axis=1) @ (n, 1)
-    order = np.argsort(joined, kind="stable")
-    wanted = np.sort(np.asarray(pairs, dtype=np.int64), axis=-1) @ (n, 1)
-    found = order[np.minimum(np.searchsorted(joined, wanted, sorter=order), len(joined) - 1)]
-    return np.where(joined[found] == wanted, found, -1)
+    return connection_of(system.connections, pairs)
 
 
 def broken_before(broken_at: NDArray, time: float) -> NDArray[np.bool_]:
@@ -80,21 +76,13 @@ def cells_of(system: System, among: NDArray[np.bool_] | None = None) -> NDArray[
     A cell has a particle at each corner, and connections along x, y and z. In two dimensions cells are those of
     sheets, shape [cell_count, 4]. With a mask `among` of particles only lattices that have some of these.
     """
-    n, axes = system.particle_count, "xyz" if system.dim == 3 else "xy"
-    found = [np.empty((0, 4 * (len(axes) - 1)), dtype=np.int64)]
+    axes = 3 if system.dim == 3 else 2
+    found = [np.empty((0, 2**axes), dtype=np.int64)]
     for body in system.directions:
-        if not set(axes) <= body.keys():
-            continue
-        following = np.full((3, n + 1), n)  # next particle along each axis, n if there is none
-        for along, name in zip(following, axes, strict=False):
-            first, second = system.connections[body[name]].T
-            along[first] = second
-        x, y, z = following
-        corners = [np.arange(n), x[:n], y[x[:n]], y[:n]]
-        corners = np.stack(corners if len(axes) == 2 else [*corners, *(z[one] for one in corners)], axis=1)
-        corners = corners[(corners < n).all(axis=1)]
-        if among is None or among[corners].any():
-            found.append(corners)
+        if set("xyz"[:axes]) <= body.keys():
+            corners = body_cells(system.connections, system.particle_count, body, axes)
+            if among is None or among[corners].any():
+                found.append(corners)
     return np.concatenate(found)
 
 

@@ -44,6 +44,7 @@ KEYWORDS = {
     "size": "x_length lengths half_extents extents bounds",
     "resolution": "window_size size width",
     "color": "colour",
+    "folding, a stiffness [N/m]": "bending",
     "coloring": "colouring color",
     "fraction": "share",
     "film": "video movie",
@@ -64,6 +65,8 @@ NAMES: dict[str, dict[str, str]] = {
             "body SoftBody particles Model MassSpringSystem geom"
         ),
         "from_volume, which reads files": "load_mesh read_mesh mesh loadSoftBody load_obj from_file",
+        "voxels": "voxel from_voxels from_array add_from_array",
+        "disc": "circle drum",
         "Plane": "ground floor wall HalfSpace",
         "cylinder, which is a body, or Capsule, an obstacle": "Cylinder",
         "Plane, Sphere, Box, Capsule or Cone": "obstacle createCollisionShape shape",

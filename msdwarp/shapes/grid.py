@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import Surface, pieces
+from ..bodies import CORNER_STEPS, Surface, pieces
 
 _PEAK = {2: (62, 112), 4: (271, 271), 8: (271, 310), 6: (85, 197), 26: (277, 788)}
 """Bytes of memory per particle that a lattice was measured to take at most while it is made, by the number of
@@ -102,10 +102,8 @@ def cell_corners(mask: NDArray[np.bool_], whole: NDArray[np.bool_]) -> NDArray[n
     Cells are in the order of their first corners.
     """
     index = particle_numbers(mask.shape, mask)
-    around = ((0, 0), (1, 0), (1, 1), (0, 1))
-    steps = around if mask.ndim == 2 else [(*one, z) for z in (0, 1) for one in around]
     first = np.argwhere(whole.T)[:, ::-1]
-    return np.stack([index[tuple((first + step).T)] for step in steps], axis=1).astype(np.int32)
+    return np.stack([index[tuple((first + step).T)] for step in CORNER_STEPS[mask.ndim]], axis=1).astype(np.int32)
 
 
 def _cells_of(whole: NDArray[np.bool_], step: Sequence[int]) -> NDArray[np.uint8]:

@@ -25,12 +25,12 @@ from .grid import (
 )
 
 
-def _section(
+def section_of(
     material: Material | None, constants: Mapping[str, Any], sections: Mapping[str, float | None]
 ) -> float:
     """Return a chain's cross section [m²] or a sheet's thickness [m]; 1 without material or for a solid.
 
-    Raises ValueError unless a lattice has either constants only, or a material with all its dimensions.
+    Raises ValueError unless a body has either constants only, or a material with all its dimensions.
     """
     given, why = sections, "without a material it must be left out"
     if material is not None:
@@ -101,7 +101,12 @@ def _lattice(
     mask = np.ones(shape, dtype=bool) if mask is None else mask
     if material is not None:
         constants = _constants_of(material, section, mask, spacings[0], diagonals)
-    lattice = lattice.replace(**{name: value for name, value in constants.items() if value is not None})
+    given = {name: value for name, value in constants.items() if value is not None}
+    if (total := given.pop("total_mass", None)) is not None:
+        if "mass" in given:
+            raise ValueError(f"total_mass is {total!r}; with mass, that of each particle, it must be left out")
+        given["mass"] = checks.positive("total_mass", total) / lattice.particle_count
+    lattice = lattice.replace(**given)
     if not rigidity:
         return lattice
     return resisting_bending(lattice, mask, spacings[0], rigidity, diagonals=diagonals, solid=material is not None)
@@ -172,6 +177,7 @@ def chain(
     material: Material | None = None,
     area: float | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
     dim: int = 3,
@@ -184,9 +190,9 @@ def chain(
         Number of particles, at least 2.
     spacing
         Distance of neighbours and rest length [m].
-    material, mass, stiffness, damping
+    material, mass, total_mass, stiffness, damping
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m]; see `System`. By
-        default 1, 1000 and 0.
+        default 1, 1000 and 0. `total_mass`, in place of `mass`, is shared equally by the particles [kg].
     area
         Cross section [m²]; only with a material.
     dim
@@ -195,8 +201,8 @@ def chain(
     checks.one_of("dim", dim, (1, 2, 3))
     count = checks.count("count", count, 2)
     check_memory("count", count, count, 2, material)
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    section = _section(material, constants, {"area": area})
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
+    section = section_of(material, constants, {"area": area})
     return _lattice((count,), spacing, False, dim, None, material, section, constants)
 
 
@@ -208,6 +214,7 @@ def sheet(
     material: Material | None = None,
     thickness: float | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
     bending: float | str | None = None,
@@ -224,7 +231,7 @@ def sheet(
     neighbors
         4 connects neighbours along the axes (such a sheet collapses by shearing: figure 7 of the 2014 report); 8
         adds the diagonals (figure 8).
-    material, mass, stiffness, damping
+    material, mass, total_mass, stiffness, damping
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`.
     thickness
         Thickness [m]; only with a material.
@@ -239,8 +246,8 @@ def sheet(
     checks.one_of("dim", dim, (2, 3))
     checks.one_of("neighbors", neighbors, (4, 8))
     _check_shape(shape, 2, neighbors, material, bending)
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    section, surface = _section(material, constants, {"thickness": thickness}), grid_surface(shape)
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
+    section, surface = section_of(material, constants, {"thickness": thickness}), grid_surface(shape)
     return _lattice(shape, spacing, neighbors == 8, dim, surface, material, section, constants, bending=bending)
 
 
@@ -251,6 +258,7 @@ def box(
     neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
@@ -268,13 +276,13 @@ def box(
     neighbors
         6 connects neighbours along the axes (such a block collapses by shearing); 26 adds the diagonals of faces
         and cells.
-    material, mass, stiffness, damping
+    material, mass, total_mass, stiffness, damping
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`.
     """
     checks.one_of("neighbors", neighbors, (6, 26))
     _check_shape(shape, 3, neighbors, material)
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    section = _section(material, constants, {})
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
+    section = section_of(material, constants, {})
     return _lattice(shape, spacing, neighbors == 26, 3, grid_surface(shape), material, section, constants)
 
 
@@ -286,6 +294,7 @@ def lattice(
     material: Material | None = None,
     thickness: float | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
     bending: float | str | None = None,
@@ -306,7 +315,7 @@ def lattice(
         Distance of neighbours along an axis [m]: one number, or one for each axis (with a material, all equal).
     neighbors
         26 or 6 for a solid body, 8 or 4 for a sheet, as for `box` and `sheet`; by default the larger.
-    material, mass, stiffness, damping
+    material, mass, total_mass, stiffness, damping
         A `Material`, or the constants of each particle [kg] and each connection [N/m], [N s/m], as for `chain`. A
         material fills the complete cells, which have particles at all corners. Every particle must belong to a
         complete cell, and particles without a common cell are not connected.
@@ -343,8 +352,8 @@ def lattice(
     check_memory("mask's shape", points.shape, int(np.count_nonzero(points)), neighbors, material, bending)
     dim = 3 if dim is None else dim
     checks.one_of("dim", dim, (2, 3) if axes == 2 else (3,))
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
-    section = _section(material, constants, {"thickness": thickness} if axes == 2 else {})
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
+    section = section_of(material, constants, {"thickness": thickness} if axes == 2 else {})
     for name, value in {"thickness": thickness, "bending": bending}.items():
         if axes == 3 and value is not None:
             raise ValueError(f"{name} is {value!r}; for a solid body it must be left out")

@@ -31,6 +31,7 @@ def from_mesh(
     neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
@@ -56,7 +57,7 @@ def from_mesh(
         Distance of neighbouring particles along an axis [m]. Give either `spacing` or `across`.
     across
         Number of cells along the mesh's longest extent.
-    neighbors, material, mass, stiffness, damping
+    neighbors, material, mass, total_mass, stiffness, damping
         As for `box`.
 
     Raises
@@ -93,7 +94,7 @@ def from_mesh(
         around = np.abs(np.arctan2(points[:, 1], points[:, 0])) / math.pi
         uv = np.stack([around, points[:, 2] / extent[2] + 0.5], axis=1)
     skin = Skin(points, np.asarray(uv), triangles, shared_normals(points, triangles))
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
     body = embedded(cells, h, skin, volume, neighbors=neighbors, material=material, **constants)
     thickness, times = 2 * volume / area, np.count_nonzero(cells) * h**3 / volume
     if material is not None and thickness < h and times > _MORE:

@@ -25,6 +25,7 @@ def cloth(
     material: Material | None = None,
     thickness: float | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
     bending: float | str | None = None,
@@ -45,7 +46,7 @@ def cloth(
         Distance of neighbouring particles along an axis [m].
     neighbors
         8 or 4, as for `sheet`.
-    material, thickness, mass, stiffness, damping
+    material, thickness, mass, total_mass, stiffness, damping
         A material and the thickness [m], or the constants of each particle [kg] and each connection [N/m],
         [N s/m]; see `lattice`.
     bending
@@ -69,7 +70,7 @@ def cloth(
     cells = _cells_of(corners, shape)
     points, triangles = _fitted(corners * _FINER, _cells_of(corners * _FINER, shape * _FINER))
     skin = Skin(points * (spacing / _FINER), np.clip(points / _FINER / extent + 0.5, 0, 1), triangles)
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
     constants |= {"material": material, "thickness": thickness, "bending": bending}
     area = abs(_cross(corners, np.roll(corners, -1, axis=0)).sum()) / 2 * spacing**2
     body = embedded(cells, spacing, skin, area, neighbors=neighbors, dim=dim, **constants)

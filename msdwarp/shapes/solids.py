@@ -27,6 +27,7 @@ def ball(
     neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
@@ -47,7 +48,7 @@ def ball(
         Radius [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius.
-    neighbors, material, mass, stiffness, damping
+    neighbors, material, mass, total_mass, stiffness, damping
         As for `box`.
     """
     radius = checks.positive("radius", radius)
@@ -60,7 +61,7 @@ def ball(
 
     x, y, z = cell_centres(cells_along([2 * radius] * 3, spacing), spacing)
     cells = x**2 + y**2 + z**2 < radius**2
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
     volume = 4 / 3 * math.pi * radius**3
     return embedded(cells, spacing, skin, volume, neighbors=neighbors, material=material, **constants)
 
@@ -73,6 +74,7 @@ def cylinder(
     neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
@@ -89,7 +91,7 @@ def cylinder(
         Radius and height [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius and the height.
-    neighbors, material, mass, stiffness, damping
+    neighbors, material, mass, total_mass, stiffness, damping
         As for `box`.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
@@ -105,7 +107,7 @@ def cylinder(
 
     x, y, z = cell_centres(shape, spacing)
     cells = (x**2 + y**2 < radius**2) & (np.abs(z) < half)
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
     volume = math.pi * radius**2 * height
     return embedded(cells, spacing, skin, volume, neighbors=neighbors, material=material, **constants)
 
@@ -118,6 +120,7 @@ def cone(
     neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
@@ -134,7 +137,7 @@ def cone(
         Radius of the base, and height [m].
     spacing
         Distance of neighbouring particles along an axis [m], at most the radius and the height.
-    neighbors, material, mass, stiffness, damping
+    neighbors, material, mass, total_mass, stiffness, damping
         As for `box`.
     """
     radius, height = checks.positive("radius", radius), checks.positive("height", height)
@@ -149,7 +152,7 @@ def cone(
 
     x, y, z = cell_centres((wide | 1, wide | 1, along), spacing)  # odd, so that a column is on the axis
     cells = (np.hypot(x, y) < radius * (half - z) / height) & (np.abs(z) < half)
-    constants = {"mass": mass, "stiffness": stiffness, "damping": damping}
+    constants = {"mass": mass, "total_mass": total_mass, "stiffness": stiffness, "damping": damping}
     volume = math.pi * radius**2 * height / 3
     return embedded(cells, spacing, skin, volume, neighbors=neighbors, material=material, **constants)
 

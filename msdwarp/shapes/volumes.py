@@ -50,6 +50,7 @@ def from_volume(
     neighbors: int = 26,
     material: Material | None = None,
     mass: ArrayLike | None = None,
+    total_mass: float | None = None,
     stiffness: ArrayLike | None = None,
     damping: ArrayLike | None = None,
 ) -> System:
@@ -69,7 +70,7 @@ def from_volume(
     mesh
         The path of a file, or a PyVista mesh. Files except VTK's, .stl, .ply and .obj (such as .msh, .inp,
         .med, .mesh ...) are read by meshio: `pip install 'msdwarp[meshes]'`.
-    spacing, across, neighbors, material, mass, stiffness, damping
+    spacing, across, neighbors, material, mass, total_mass, stiffness, damping
         As for `from_mesh`.
     scale
         Length of the file's unit [m]: 0.001 for millimetres.
@@ -89,7 +90,8 @@ def from_volume(
     else:
         raise ValueError(f"mesh is a {type(mesh).__name__}; it must be the path of a file, or a PyVista mesh")
     surface = surface.scale(scale)
-    constants = {"material": material, "mass": mass, "stiffness": stiffness, "damping": damping}
+    constants = {"material": material, "mass": mass, "total_mass": total_mass}
+    constants |= {"stiffness": stiffness, "damping": damping}
     try:
         body = from_mesh(surface, spacing, across=across, neighbors=neighbors, **constants)
     except ValueError as error:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..bodies import TEARING_FIELDS, System
+from ..bodies import TEARING_FIELDS, System, connection_between, mask_of
 from .loads import Load, values_at
 
 
@@ -27,9 +27,8 @@ class Actuator(Load):
     Parameters
     ----------
     strain
-        s, the relative change of the rest length, negative for contraction: a number, or a function of time [s]
-        that returns one; above −1 and below 1. The stability bound uses the minimum over the first ten seconds, if
-        the function can be evaluated there.
+        s, the relative change of the rest length, negative for contraction: a number, or a function of time [s],
+        above −1 and below 1. The stability bound uses its minimum over the first ten seconds, where defined.
     on
         Particles that contain both ends of each of its connections; see `Load`.
     along
@@ -38,23 +37,30 @@ class Actuator(Load):
     delay
         Delay of each particle [s], a number or shape [particle_count]; a connection has the mean delay of its two
         ends. For a wave of speed c it is x/c. The strain is then also evaluated at negative times.
+    cells
+        Corners of cells, shape [any, k], of which one has both ends: see `voxel_corners`. By default all.
 
     Raises
     ------
     ValueError
-        If the strain is out of range, a delay is not finite, or `along` is not a name. In a scene also if the
-        system has no such direction, there is no such connection, one of them may yield or break, or the number of
-        delays differs from the number of particles.
+        If the strain is out of range, a delay is not finite, or `along` is not a name. In a scene also if there is
+        no such direction or connection, one may yield or break, or delays are not as many as particles.
     """
 
     strain: Any
     along: Any = None
     delay: ArrayLike = 0.0
+    cells: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         if not self.varies:
             object.__setattr__(self, "strain", float(self.at(np.zeros(1))[0]))
         object.__setattr__(self, "delay", checks.finite("delay", self.delay))
+        if self.cells is not None:
+            corners = checks.whole_numbers(
+                "cells", self.cells, "(cell_count, k)", lambda s: len(s) == 2 and s[0] > 0 and s[1] > 1
+            )
+            object.__setattr__(self, "cells", checks.as_int32(corners))
         if self.along is not None:
             names = (self.along,) if isinstance(self.along, str) else self.along
             object.__setattr__(self, "along", checks.sequence("along", names, str, "'x'"))
@@ -86,12 +92,19 @@ class Actuator(Load):
                     chosen[body.get(name, slice(0))] = True
         if self.on is not None:
             chosen &= self.particles(system)[system.connections].all(axis=1)
+        if self.cells is not None:
+            corners = np.asarray(self.cells)
+            checks.within("cells", corners, checks.index_below(system.particle_count))
+            pairs = corners[:, np.stack(np.triu_indices(corners.shape[1], 1), axis=1)]
+            between = connection_between(system, pairs)
+            chosen &= mask_of(between[between >= 0], system.connection_count)
         found = np.flatnonzero(chosen)
         if not len(found):
             along = "" if self.along is None else f" along {', '.join(self.along)}"
+            where = "on" if self.cells is None else "cells"
+            given = checks.repr_short(getattr(self, where))
             raise ValueError(
-                f"on is {checks.repr_short(self.on)}; there must be one connection at least that joins two of its "
-                f"particles{along}"
+                f"{where} is {given}; there must be one connection at least that joins two of its particles{along}"
             )
         if np.isfinite(system.yield_strain[found]).any():
             raise ValueError(

@@ -30,7 +30,7 @@ class Problem:
     otherwise.
     """
 
-    system: System
+    system: System = field(kw_only=False)
     colliders: Sequence[Collider] = ()
     loads: Sequence[Load] = ()
     contact: Contact | Sequence[Contact] | None = None

@@ -12,7 +12,7 @@ K, RADIUS, MASS = 300.0, 0.5, 0.5
 
 
 def balloon(subdivisions: int = 2, **more):
-    return shell(icosphere(RADIUS, subdivisions), mass=MASS, stiffness=K, damping=1.0, **more)
+    return shell(icosphere(RADIUS, subdivisions), total_mass=MASS, stiffness=K, damping=1.0, **more)
 
 
 def swollen(system, load) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from surfaces import area, areas, assert_closed, volume
 
+import msdwarp as msd
 from msdwarp import RUBBER, System, box, chain, lattice, sheet
 
 SHEETS = [(2, 2), (2, 5), (4, 3), (7, 6)]
@@ -241,3 +242,39 @@ def test_a_body_that_does_not_fit_into_memory_is_refused_before_it_is_made():
         chain(10**15)
     with pytest.raises(ValueError, match=r"shape\[0\] is 10+ .*; it must be at most 1e\+18"):
         sheet((10**200, 10**200))
+
+
+SHARED = {
+    "chain": (msd.chain, (4,)),
+    "sheet": (msd.sheet, ((3, 4),)),
+    "box": (msd.box, ((3, 4, 2),)),
+    "lattice": (msd.lattice, (np.ones((3, 3), dtype=bool),)),
+    "ball": (msd.ball, (0.3, 0.1)),
+    "cylinder": (msd.cylinder, (0.3, 0.2, 0.1)),
+    "cone": (msd.cone, (0.3, 0.4, 0.1)),
+    "cloth": (msd.cloth, ([[0, 0], [1, 0], [0.5, 1]], 0.2)),
+    "from_mesh": (msd.from_mesh, (msd.icosphere(0.3, 2), 0.1)),
+    "from_volume": (
+        lambda **given: msd.from_volume(pytest.importorskip("pyvista").Sphere(radius=0.3), 0.1, **given),
+        (),
+    ),
+}
+SECTIONS = {"chain": {"area": 0.1}} | {name: {"thickness": 0.1} for name in ("sheet", "lattice", "cloth")}
+
+
+@pytest.mark.parametrize("name", SHARED)
+def test_mass_is_that_of_each_particle_and_total_mass_that_of_the_body(name):
+    make, size = SHARED[name]
+    body = make(*size, mass=0.2)
+    np.testing.assert_array_equal(body.mass, 0.2)
+    np.testing.assert_array_equal(make(*size, total_mass=3.0).mass, 3.0 / body.particle_count)
+    for wrong, said in (
+        ({"mass": 0.2, "total_mass": 3.0}, r"total_mass is 3\.0; with mass"),
+        ({"total_mass": -1.0}, "total_mass is -1"),
+        (
+            {"total_mass": 1.0, "material": msd.FOAM, **SECTIONS.get(name, {})},
+            r"total_mass is 1\.0; with a material",
+        ),
+    ):
+        with pytest.raises(ValueError, match=said):
+            make(*size, **wrong)

@@ -26,11 +26,11 @@ def test_a_sphere_of_triangles(subdivisions):
 
 def test_a_shell_has_the_mesh_and_its_mass_by_area():
     mesh = icosphere(0.5, 2)
-    body = shell(mesh, mass=0.3, stiffness=50.0, damping=0.2)
+    body = shell(mesh, total_mass=0.3, stiffness=50.0, damping=0.2)
     assert body.mass.sum() == pytest.approx(0.3, rel=1e-14)
     assert body.connection_count == 480
     np.testing.assert_array_equal(body.surface.triangles, mesh[1])
-    folded = shell(mesh, mass=0.3, stiffness=50.0, damping=0.2, bending=7.0)
+    folded = shell(mesh, total_mass=0.3, stiffness=50.0, damping=0.2, folding=7.0)
     assert folded.connection_count == 960
     np.testing.assert_array_equal(folded.connections[:480], body.connections)
     np.testing.assert_array_equal(folded.stiffness[480:], 7.0)
@@ -42,7 +42,7 @@ def test_a_shell_has_the_mesh_and_its_mass_by_area():
 def test_coincident_points_are_one_particle():
     pv = pytest.importorskip("pyvista")
     mesh = pv.Cylinder(resolution=30).triangulate()  # sides and lids have points of their own
-    body = shell(mesh, mass=0.1, stiffness=500.0)
+    body = shell(mesh, total_mass=0.1, stiffness=500.0)
     assert body.particle_count == len(np.unique(mesh.points.round(5), axis=0)) == 60
     edges, across = edges_of(body.surface.particle[body.surface.triangles])
     assert body.connection_count == len(edges) == len(across) == 3 * 60 - 6  # closed: Euler
@@ -60,8 +60,8 @@ def test_two_triangles_fold_along_their_edge():
     ("mesh", "options", "message"),
     [
         (([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]), {}, "the area of a triangle"),
-        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), {"mass": 0.0}, "mass is 0"),
-        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), {"bending": -1.0}, "bending is -1"),
+        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), {"total_mass": 0.0}, "total_mass is 0"),
+        (([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), {"folding": -1.0}, "folding is -1"),
         ("ball.obj", {}, "mesh is 'ball.obj'; it must be"),
     ],
 )

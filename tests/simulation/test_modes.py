@@ -29,7 +29,7 @@ def test_a_string_and_a_membrane_have_the_frequencies_of_their_lattices():
     first = half(2 * np.arange(cells + 1), cells)
     assert np.linalg.norm(found.shapes[0], axis=1) == pytest.approx(first, abs=1e-6)
     assert found.masses[0] == pytest.approx(MASS * (first**2).sum(), rel=1e-6)
-    net = msd.sheet((cells + 1, cells + 1), a, neighbours=4, mass=MASS, stiffness=STIFFNESS)
+    net = msd.sheet((cells + 1, cells + 1), a, neighbors=4, mass=MASS, stiffness=STIFFNESS)
     net = net.replace(rest_length=a - TENSION / STIFFNESS)
     rim = (np.abs(net.position[:, :2]) > 0.3 - 1e-9).any(axis=1)
     several = np.hypot(half([1, 1, 2, 2, 1, 3], cells), half([1, 2, 1, 2, 3, 1], cells))

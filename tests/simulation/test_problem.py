@@ -39,3 +39,8 @@ def test_the_digest_tells_the_shape():
     body = box((3, 3, 3))
     scene = Scene(system=body, contact=Contact())
     assert digest(scene) != digest(scene.replace(shape=1.2 * body.position))
+
+
+def test_a_scene_takes_its_bodies_first():
+    body = chain(3)
+    assert Scene(body).system is body

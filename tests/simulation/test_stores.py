@@ -39,7 +39,7 @@ def cell() -> msd.System:
 
 def balloon() -> tuple[msd.System, float]:
     """Return a shell without springs, and the pressure with which its volume swings: ω² = p/V Σ |∂V/∂x|²/m."""
-    skin = msd.shell(msd.icosphere(SIZE, 1), mass=MASS * 42, stiffness=0.0, damping=0.0)
+    skin = msd.shell(msd.icosphere(SIZE, 1), total_mass=MASS * 42, stiffness=0.0, damping=0.0)
     corner = skin.surface.particle[skin.surface.triangles]
     return skin, STIFFNESS * volume(corner, skin.position) / (gradient(skin) ** 2).sum()
 

@@ -245,7 +245,7 @@ class _WrenchSum:
             "solids": colliders.data.solids,
             "obstacle_count": len(colliders.solids),
             "obstacle": next(p for p, one in enumerate(colliders.solids) if one is probe.on),
-            "centre": model.vector(*probe.on.centre(model.dim)),
+            "centre": model.vector(*probe.on.center(model.dim)),
             "slack": touching(model.system),
         }
         self.width, self.parts = of.columns, [_Part(model, of, model.particle_count, first, **fields)]
