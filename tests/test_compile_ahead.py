@@ -130,7 +130,7 @@ def test_ctrl_c_while_kernels_compile_leaves_no_thread(monkeypatch):
 
 
 def test_what_only_makes_frames_faster_compiles_beside_the_run(monkeypatch):
-    kernels = Kernels(ImaginedGpu(90))
+    kernels = Kernels(type("Gpu", (), {"is_cuda": True, "is_cpu": False, "__hash__": None})())  # as Warp's devices
     needed, beside = (SimpleNamespace(module=name) for name in ("needed", "beside"))
     compiled, may_end = [], threading.Event()
 

@@ -75,19 +75,19 @@ class Kernels:
 
     def compile(self) -> None:
         """On a GPU, compile the noted kernels that are missing; what fails is raised where it is launched."""
-        missing = {
-            job: beside
+        missing = [
+            (job, beside)
             for one, beside in self.noted.items()
             if self._device.is_cuda and (job := Job(*one, self._device)).is_missing()
-        }
+        ]
         self.noted.clear()
-        jobs = [job for job, beside in missing.items() if not beside]
+        jobs = [job for job, beside in missing if not beside]
         if jobs:
             Compiling.report()
             begun = time.perf_counter()
             Compiling.modules += compile_all(jobs).count(None)
             Compiling.seconds += time.perf_counter() - begun
-        beside = [job for job, beside in missing.items() if beside]
+        beside = [job for job, beside in missing if beside]
         if beside:
             # Not a daemon: the compiler must not be running when the process ends.
             threading.Thread(target=compile_all, args=[beside], name=BESIDE).start()
