@@ -16,6 +16,8 @@ import msdwarp
 from msdwarp.cli.app import app
 from msdwarp.cli.options import FitOptions, ModesOptions, Options, SweepOptions, TuneOptions, ViewOptions
 from msdwarp.cli.scene_files import find_scene, scene_names
+from msdwarp.pictures.dressing import torn
+from msdwarp.world import Problem
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -80,7 +82,7 @@ def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     dented = names["dented"]
     assert 0.25 < dented.position[:, 2].max() < 0.38  # the press came down to 0.3 m
     assert (dented.rest_length != dented.original_length).mean() > 0.05
-    assert names["heights"].shape == (31,)
+    assert names["fallen"].shape == (31,)
     assert names["broken"] > 5
     assert names["height"] < -0.5  # the second ball has torn the net, and is below it
     # Finite elements give 1.17 times Hertz's law at this depth, and 8 cells across are right to 6 % there.
@@ -94,6 +96,17 @@ def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     [moved] = re.findall(r"moved by \[m\]: ([\d.]+)", printed)
     assert float(moved) == pytest.approx(0.71, abs=0.03)
     assert names["comb"].particle_count == names["robot"].particle_count + 9  # each cell of the lower row apart
+    # Links of 5000 N/m bear the block, and half of the rope's weight on average; settling stops near equilibrium.
+    weight, own = 9.82 * names["load"].mass.sum(), 9.82 * names["rope"].mass[1:].sum()
+    [longer] = re.findall(r"the rope is longer by \[m\]: ([\d.]+)", printed)
+    assert float(longer) == pytest.approx(20 * (weight + own / 2) / 5000, rel=0.02)
+    assert names["thick"] > 0.2  # the pillow is blown up
+    assert names["wide"] > 0.101  # and the cavity
+    assert names["place"][1] > 0.4  # the door is open: its handle is 0.5 m from the hinge
+    assert names["place"][2] == pytest.approx(0, abs=1e-3)  # its hinge alone bears it, and there is no gravity
+    first, second, third = (names["heights"][k] for k in (18, 48, 60))
+    assert first == pytest.approx(second, abs=0.01)  # pinned, while its lower half still swings
+    assert third < second - 0.1  # released
 
 
 @pytest.mark.slow
@@ -128,6 +141,79 @@ def test_the_examples_of_materials_run(capsys):
     )
     assert names["drum"].pinned.sum() == 48
     capsys.readouterr()
+
+
+SPRINGS = {"mass": 0.01, "stiffness": 300.0, "damping": 0.3}
+ROUND = msdwarp.icosphere(0.2, 1)
+BODIES = {
+    "chain": lambda: msdwarp.chain(4, 0.1, **SPRINGS),
+    "rod": lambda: msdwarp.rod(4, 0.1, radius=0.01, material=msdwarp.STEEL_WIRE),
+    "sheet(...).replace(surface=None)": lambda: msdwarp.sheet((3, 3), 0.1, **SPRINGS).replace(surface=None),
+    "sheet": lambda: msdwarp.sheet((3, 3), 0.1, **SPRINGS),
+    "cloth": lambda: msdwarp.cloth([(0, 0), (0.4, 0), (0.4, 0.4), (0, 0.4)], 0.1, **SPRINGS),
+    "disc": lambda: msdwarp.shell(msdwarp.disc(0.2, 3), stiffness=100.0),
+    "icosphere": lambda: msdwarp.shell(ROUND, stiffness=100.0),
+    "box": lambda: msdwarp.box((3, 3, 3), 0.1, **SPRINGS),
+    "lattice": lambda: msdwarp.lattice(np.ones((2, 2, 2), dtype=bool), 0.1, **SPRINGS),
+    "voxels": lambda: msdwarp.voxels(np.ones((2, 2, 2), dtype=int), 0.1, materials={1: msdwarp.FOAM}),
+    "ball": lambda: msdwarp.ball(0.2, 0.1, **SPRINGS),
+    "cone": lambda: msdwarp.cone(0.2, 0.3, 0.1, **SPRINGS),
+    "cylinder": lambda: msdwarp.cylinder(0.2, 0.2, 0.1, **SPRINGS),
+    "from_mesh": lambda: msdwarp.from_mesh(ROUND, across=4, **SPRINGS),
+    "System": lambda: msdwarp.System(position=np.eye(3), connections=np.empty((0, 2), dtype=int), mass=0.01),
+    "dimensions": lambda: msdwarp.sheet((3, 3), 0.1, dim=2, **SPRINGS),
+}
+
+
+def acts(body: msdwarp.System, load: msdwarp.Load) -> bool:
+    """Return whether a simulation takes a load on a body."""
+    try:
+        Problem(body, loads=[load])
+    except ValueError:
+        return False
+    return True
+
+
+def test_the_table_of_loads_says_which_are_taken_by_which_body():
+    page = (DOCS / "loads.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"\| body \|.*\n\|---.*\n((?:\|.*\n)+)", page)
+    seen = set()
+    for row in table.splitlines():
+        name, *said = (cell.strip() for cell in row.strip("|").split("|"))
+        for which in [one for one in BODIES if f"`{one}`" in name] or ["dimensions"] * ("dimensions" in name):
+            body = BODIES[which]()
+            up = np.eye(body.dim)[-1]
+            steady = [msdwarp.Force(up), msdwarp.PrescribedMotion([0]), msdwarp.Attachment([0], stiffness=1.0)]
+            wind = "yes" if acts(body, msdwarp.Wind(up)) else "`area=`" * acts(body, msdwarp.Wind(up, area=0.01))
+            others = (msdwarp.Pressure(1.0), msdwarp.EnclosedGas(1.0), msdwarp.Actuator(lambda t: 0.1 * np.sin(t)))
+            cut = body.replace(break_strain=0.1, broken_at=np.ones(body.connection_count))
+            gone = torn(cut)  # None where there are no triangles: connections are drawn then
+            parts = body.connection_count > 0 if gone is None else np.isfinite(gone.parted_at).all()
+            yes = [all(acts(body, one) for one in steady), *(acts(body, one) for one in others), parts]
+            found = ["yes" if one else "no" for one in yes]
+            assert [found[0], wind, *found[1:]] == said, which
+            seen.add(which)
+    assert seen == BODIES.keys()
+
+
+def test_the_speeds_that_the_readme_tells_were_measured():
+    page = " ".join(README.split())
+    rows = (
+        measured("endurance.csv")[::-1] + measured("touching.csv")[::-1]
+    )  # of a scene the last counts: as stiff as it is
+    speeds = {one["scene"]: float(one["times_real_time"]) for one in rows}
+    said = re.findall(r"`(\w+)` \((\d+)(?: particles\) runs|\)) at ([\d.]+)", page)
+    assert len(said) == 4
+    for scene, particles, times in said:
+        assert find_scene(scene).build().system.particle_count == int(particles), scene
+        assert f"{speeds[scene]:.2g}" == times, scene
+    waits = [one for one in measured("first_frame.csv") if one["version"] == "this"]
+    compiled, nothing = ([float(one[name]) for one in waits] for name in ("all_compiled_s", "nothing_compiled_s"))
+    assert [round(f(nothing)) for f in (min, max)] == [4, 16]
+    assert "after 1 to 2 s" in page
+    assert "after 4 to 16 s" in page
+    assert min(compiled) > 1
+    assert max(compiled) < 2
 
 
 @pytest.mark.slow
