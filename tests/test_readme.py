@@ -16,8 +16,6 @@ import msdwarp
 from msdwarp.cli.app import app
 from msdwarp.cli.options import FitOptions, ModesOptions, Options, SweepOptions, TuneOptions, ViewOptions
 from msdwarp.cli.scene_files import find_scene, scene_names
-from msdwarp.pictures.dressing import torn
-from msdwarp.world import Problem
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -141,59 +139,6 @@ def test_the_examples_of_materials_run(capsys):
     )
     assert names["drum"].pinned.sum() == 48
     capsys.readouterr()
-
-
-SPRINGS = {"mass": 0.01, "stiffness": 300.0, "damping": 0.3}
-ROUND = msdwarp.icosphere(0.2, 1)
-BODIES = {
-    "chain": lambda: msdwarp.chain(4, 0.1, **SPRINGS),
-    "rod": lambda: msdwarp.rod(4, 0.1, radius=0.01, material=msdwarp.STEEL_WIRE),
-    "sheet(...).replace(surface=None)": lambda: msdwarp.sheet((3, 3), 0.1, **SPRINGS).replace(surface=None),
-    "sheet": lambda: msdwarp.sheet((3, 3), 0.1, **SPRINGS),
-    "cloth": lambda: msdwarp.cloth([(0, 0), (0.4, 0), (0.4, 0.4), (0, 0.4)], 0.1, **SPRINGS),
-    "disc": lambda: msdwarp.shell(msdwarp.disc(0.2, 3), stiffness=100.0),
-    "icosphere": lambda: msdwarp.shell(ROUND, stiffness=100.0),
-    "box": lambda: msdwarp.box((3, 3, 3), 0.1, **SPRINGS),
-    "lattice": lambda: msdwarp.lattice(np.ones((2, 2, 2), dtype=bool), 0.1, **SPRINGS),
-    "voxels": lambda: msdwarp.voxels(np.ones((2, 2, 2), dtype=int), 0.1, materials={1: msdwarp.FOAM}),
-    "ball": lambda: msdwarp.ball(0.2, 0.1, **SPRINGS),
-    "cone": lambda: msdwarp.cone(0.2, 0.3, 0.1, **SPRINGS),
-    "cylinder": lambda: msdwarp.cylinder(0.2, 0.2, 0.1, **SPRINGS),
-    "from_mesh": lambda: msdwarp.from_mesh(ROUND, across=4, **SPRINGS),
-    "System": lambda: msdwarp.System(position=np.eye(3), connections=np.empty((0, 2), dtype=int), mass=0.01),
-    "dimensions": lambda: msdwarp.sheet((3, 3), 0.1, dim=2, **SPRINGS),
-}
-
-
-def acts(body: msdwarp.System, load: msdwarp.Load) -> bool:
-    """Return whether a simulation takes a load on a body."""
-    try:
-        Problem(body, loads=[load])
-    except ValueError:
-        return False
-    return True
-
-
-def test_the_table_of_loads_says_which_are_taken_by_which_body():
-    page = (DOCS / "loads.md").read_text(encoding="utf-8")
-    (table,) = re.findall(r"\| body \|.*\n\|---.*\n((?:\|.*\n)+)", page)
-    seen = set()
-    for row in table.splitlines():
-        name, *said = (cell.strip() for cell in row.strip("|").split("|"))
-        for which in [one for one in BODIES if f"`{one}`" in name] or ["dimensions"] * ("dimensions" in name):
-            body = BODIES[which]()
-            up = np.eye(body.dim)[-1]
-            steady = [msdwarp.Force(up), msdwarp.PrescribedMotion([0]), msdwarp.Attachment([0], stiffness=1.0)]
-            wind = "yes" if acts(body, msdwarp.Wind(up)) else "`area=`" * acts(body, msdwarp.Wind(up, area=0.01))
-            others = (msdwarp.Pressure(1.0), msdwarp.EnclosedGas(1.0), msdwarp.Actuator(lambda t: 0.1 * np.sin(t)))
-            cut = body.replace(break_strain=0.1, broken_at=np.ones(body.connection_count))
-            gone = torn(cut)  # None where there are no triangles: connections are drawn then
-            parts = body.connection_count > 0 if gone is None else np.isfinite(gone.parted_at).all()
-            yes = [all(acts(body, one) for one in steady), *(acts(body, one) for one in others), parts]
-            found = ["yes" if one else "no" for one in yes]
-            assert [found[0], wind, *found[1:]] == said, which
-            seen.add(which)
-    assert seen == BODIES.keys()
 
 
 def test_the_speeds_that_the_readme_tells_were_measured():
