@@ -70,3 +70,35 @@ def test_gradients_throw_find_and_teach(tmp_path):
     assert int(after) < int(before)
     ((after, before),) = re.findall(r"walks ([-\d.]+) m in 2.7 s, ([-\d.]+) m before", found)
     assert float(after) > float(before) + 0.05  # eight steps along the gradient; the robot is 0.2 m long
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_the_lesson_agrees_with_its_closed_forms(tmp_path):
+    outputs = executed("oscillations.ipynb", tmp_path)
+    assert shown(outputs, "image/png") == 6
+    found = text(outputs)
+
+    def numbers(pattern: str) -> list[float]:
+        (match,) = re.findall(pattern, found)
+        return [float(one) for one in match] if isinstance(match, tuple) else [float(match)]
+
+    (pendulum,) = numbers(r"deviation of a pendulum: ([\d.]+) %")
+    assert pendulum < 0.05  # rods stretch by m g/k = 1e-4 of their length, and more at the bottom of a swing
+    damped = re.findall(r"b = [\d.]+ N s/m: deviates by at most ([-+.\de]+) µm", found)
+    assert len(damped) == 3
+    assert max(map(float, damped)) < 2.5  # RK4's error of phase, (ω h)⁴/120 of ω t, with 0.1 m, in 4 s undamped
+    (resonance,) = numbers(r"largest deviation: ([\d.]+) mm")
+    assert resonance < 0.005  # of 10 mm, of which e^(−8) = 3e-4 is left of the start after 20 s
+    (beats,) = numbers(r"deviates by at most ([\d.]+) µm of 100 mm in 40 s")
+    assert beats < 40  # the same error of phase is 26 µm in 40 s, and more in the faster mode
+    tones = re.findall(r"tone \d: ([\d.]+) Hz, closed form ([\d.]+) Hz", found)
+    assert len(tones) == 5
+    for measured, exact in tones:
+        assert float(measured) == pytest.approx(float(exact), abs=0.01)  # Hz; a bin of 16 s is 0.06
+    measured, exact = numbers(r"gentle: ([\d.]+) s, closed form ([\d.]+) s")
+    assert measured == pytest.approx(exact, rel=5e-4)
+    (growth,) = numbers(r"grows by e in ([\d.]+) s")
+    assert 0.3 < growth < 3  # exponential growth at the rate of the swings, whose period is 2.6 s
+    (gained,) = numbers(r"changed by ([-+.\de]+) J")
+    assert abs(gained) < 1e-4  # of 38 J

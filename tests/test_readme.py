@@ -80,7 +80,7 @@ def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     dented = names["dented"]
     assert 0.25 < dented.position[:, 2].max() < 0.38  # the press came down to 0.3 m
     assert (dented.rest_length != dented.original_length).mean() > 0.05
-    assert names["heights"].shape == (31,)
+    assert names["fallen"].shape == (31,)
     assert names["broken"] > 5
     assert names["height"] < -0.5  # the second ball has torn the net, and is below it
     # Finite elements give 1.17 times Hertz's law at this depth, and 8 cells across are right to 6 % there.
@@ -94,6 +94,17 @@ def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     [moved] = re.findall(r"moved by \[m\]: ([\d.]+)", printed)
     assert float(moved) == pytest.approx(0.71, abs=0.03)
     assert names["comb"].particle_count == names["robot"].particle_count + 9  # each cell of the lower row apart
+    # Links of 5000 N/m bear the block, and half of the rope's weight on average; settling stops near equilibrium.
+    weight, own = 9.82 * names["load"].mass.sum(), 9.82 * names["rope"].mass[1:].sum()
+    [longer] = re.findall(r"the rope is longer by \[m\]: ([\d.]+)", printed)
+    assert float(longer) == pytest.approx(20 * (weight + own / 2) / 5000, rel=0.02)
+    assert names["thick"] > 0.2  # the pillow is blown up
+    assert names["wide"] > 0.101  # and the cavity
+    assert names["place"][1] > 0.4  # the door is open: its handle is 0.5 m from the hinge
+    assert names["place"][2] == pytest.approx(0, abs=1e-3)  # its hinge alone bears it, and there is no gravity
+    first, second, third = (names["heights"][k] for k in (18, 48, 60))
+    assert first == pytest.approx(second, abs=0.01)  # pinned, while its lower half still swings
+    assert third < second - 0.1  # released
 
 
 @pytest.mark.slow
@@ -128,6 +139,26 @@ def test_the_examples_of_materials_run(capsys):
     )
     assert names["drum"].pinned.sum() == 48
     capsys.readouterr()
+
+
+def test_the_speeds_that_the_readme_tells_were_measured():
+    page = " ".join(README.split())
+    rows = (
+        measured("endurance.csv")[::-1] + measured("touching.csv")[::-1]
+    )  # of a scene the last counts: as stiff as it is
+    speeds = {one["scene"]: float(one["times_real_time"]) for one in rows}
+    said = re.findall(r"`(\w+)` \((\d+)(?: particles\) runs|\)) at ([\d.]+)", page)
+    assert len(said) == 4
+    for scene, particles, times in said:
+        assert find_scene(scene).build().system.particle_count == int(particles), scene
+        assert f"{speeds[scene]:.2g}" == times, scene
+    waits = [one for one in measured("first_frame.csv") if one["version"] == "this"]
+    compiled, nothing = ([float(one[name]) for one in waits] for name in ("all_compiled_s", "nothing_compiled_s"))
+    assert [round(f(nothing)) for f in (min, max)] == [4, 16]
+    assert "after 1 to 2 s" in page
+    assert "after 4 to 16 s" in page
+    assert min(compiled) > 1
+    assert max(compiled) < 2
 
 
 @pytest.mark.slow

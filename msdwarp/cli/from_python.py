@@ -64,8 +64,8 @@ def run(
     quiet
         Print errors only.
     flags
-        Any other flag of `msdwarp run`, with underscores: color="strain", azimuth=30.0, every=2, settle=True,
-        contact_forces=True, log="energy.csv", body="ball", cut=(0, -1, 0) ...
+        Any other flag of `msdwarp run`, with underscores: color="strain", azimuth=30.0 [degrees], every=2,
+        settle=True, contact_forces=True, log="energy.csv", body="ball", cut=(0, -1, 0) ...
 
     Returns
     -------

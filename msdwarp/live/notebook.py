@@ -72,7 +72,9 @@ def show(
     try:
         from IPython import display, get_ipython  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise RuntimeError("show draws in a notebook, which needs IPython: pip install jupyterlab") from None
+        raise RuntimeError(
+            "show draws in a notebook, which needs IPython: pip install 'msdwarp[notebook]'"
+        ) from None
     if get_ipython() is None:
         raise RuntimeError("show draws in a notebook, and here is none; msdwarp.view shows a scene in a window")
     resolution = picture_size(resolution)

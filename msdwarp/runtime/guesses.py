@@ -75,7 +75,7 @@ NAMES: dict[str, dict[str, str]] = {
         "Scene": "World Environment Stage",
         "Actuator": "motor",
         "PrescribedMotion, or System.pin": "pin fixed anchor constraint fix createSoftBodyAnchor equality mocap",
-        "Attachment or join": "tie weld attach createConstraint joint hinge tendon",
+        "Attachment or join": "tie weld attach createConstraint joint hinge tendon sew seam stitch knot",
         "Trajectory(path)": "load read open open_trajectory",
         _WINDOW: "render plot animate gui ui window plotter viewer launch_passive connect",
         "run(scene, out)": "simulate main",

@@ -181,7 +181,7 @@ class Ensemble(Present):
 
     @exclusive
     def step(self, frames: int = 1) -> None:
-        """Advance all worlds that have not diverged by one or more frames."""
+        """Advance all worlds that have not diverged by a number of frames, each of 1 / fps seconds."""
         advance(self._run, checks.count("frames", frames, 1))
 
     def run(self, duration: float, *, observe: Mapping[str, Any] | None = None, every: int = 1) -> Any:

@@ -183,7 +183,7 @@ class Simulation(Present):
 
     @exclusive
     def step(self, frames: int = 1) -> None:
-        """Advance by one or more frames.
+        """Advance by a number of frames, each of 1 / fps seconds; `frames` takes seconds.
 
         Raises
         ------

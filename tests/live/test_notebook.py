@@ -76,7 +76,7 @@ def test_a_simulation_is_shown_from_all_sides(cell):
 
 def test_without_a_notebook_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython", None)
-    with pytest.raises(RuntimeError, match="pip install jupyterlab"):
+    with pytest.raises(RuntimeError, match=r"pip install 'msdwarp\[notebook\]'"):
         msd.show(SCENE)
 
 
