@@ -55,6 +55,9 @@ class Job(NamedTuple):
 class Kernels:
     """The kernels that a scene is about to launch on a device."""
 
+    begun = set[tuple[Any, int]]()
+    """What any scene has begun to compile beside its run."""
+
     def __init__(self, device: Any) -> None:
         self._device, self.noted = device, dict[tuple[Any, int], bool]()
         """Whether a run can begin without them, by module and number of threads of a block, since `compile`."""
@@ -87,8 +90,9 @@ class Kernels:
             begun = time.perf_counter()
             Compiling.modules += compile_all(jobs).count(None)
             Compiling.seconds += time.perf_counter() - begun
-        beside = [job for job, beside in missing if beside]
+        beside = [job for job, beside in missing if beside and job[:2] not in self.begun]
         if beside:
+            self.begun.update(job[:2] for job in beside)
             # Not a daemon: the compiler must not be running when the process ends.
             threading.Thread(target=compile_all, args=[beside], name=BESIDE).start()
 
