@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from .kernel_cache import Compiling
 from .machine import cores
@@ -55,7 +55,7 @@ class Job(NamedTuple):
 class Kernels:
     """The kernels that a scene is about to launch on a device."""
 
-    begun = set[tuple[Any, int]]()
+    begun: ClassVar = set[tuple[Any, int]]()
     """What any scene has begun to compile beside its run."""
 
     def __init__(self, device: Any) -> None:

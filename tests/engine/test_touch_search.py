@@ -21,7 +21,7 @@ def rows_of(simulation: Simulation) -> list[list[int]]:
     effect.search(state.x, state.v, state.compensation, 0.0, False, True)
     rows, lengths = effect.neighbors.data.candidates.numpy(), effect.neighbors.data.candidate_count.numpy()
     assert lengths.max() < rows.shape[1]  # all had room
-    return [sorted(rows[p, :n].tolist()) for p, n in enumerate(lengths)]
+    return [sorted(rows[p, :n, 3].tolist()) for p, n in enumerate(lengths)]
 
 
 def grains(count: int, size: float) -> System:
