@@ -35,6 +35,8 @@ LARGE_COMPONENT = 0.3
 OF_DEVIATION, OF_VALUE, OF_JUMPS = 0.25, 1e-4, 3.0
 """A step is short enough if its error is below this fraction of the standard deviation, or of the value, or below
 this multiple of the jumps that contact causes, which also depend on the step."""
+WIDE = 2
+"""Bounds that ask for more than so many times the substeps of the start are reported."""
 MOST_REFINEMENT = 16
 """Maximal number of substeps, as a multiple of the stable number."""
 
@@ -173,8 +175,13 @@ def fit(
     worlds = Worlds(scene, sought, channels, rate, substeps, options)
     problem = Problem(worlds, precision, loss)
     theta = _starts(problem, starts, seed)
-    for message in time_warnings(channels, worlds.substeps):
+    for message in time_warnings(worlds.start):
         checks.warn(message, checks.FitWarning)
+    if worlds.substeps > WIDE * worlds.start.substeps:
+        report(
+            f"{worlds.substeps} substeps a frame, as the stiffest and most damped world within the bounds needs; "
+            f"the start needs {worlds.start.substeps}: narrower bounds make the fit faster"
+        )
     for one in horizons:
         report(f"up to {one:.4g} s from {len(theta)} start{'s' if len(theta) > 1 else ''}")
         theta = problem.approach(theta, one, STEPS)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..integrators import UnstableStep
+from ..integrators import StepChoice, UnstableStep
 from ..simulation import Ensemble, Simulation, SimulationDiverged, observations
 from ..world import Probe, Scene
 from .measured import ON_FRAME, Channel
@@ -37,6 +37,8 @@ class Worlds:
     ) -> None:
         self._scene, self.parameters, self.channels, self.fps = scene, parameters, channels, fps
         self._options: dict[str, Any] = options | {"fps": fps, "substeps": substeps}
+        self.start: StepChoice
+        """The substeps that the starting values need alone, with the scene's rates there."""
         self.alone = ""
         """Why worlds are simulated one by one; empty if an ensemble simulates them."""
         self.runs = 0
@@ -49,16 +51,18 @@ class Worlds:
             corners = np.array([[one.low if one.name == "mass" else one.high for one in parameters]])
         else:
             corners = np.array(list(itertools.product(*((one.low, one.high) for one in parameters))))
+        corners = np.vstack([corners, [one.start for one in parameters]])
         try:
             ensemble = self._ensemble(corners)
             self._observations(ensemble)
             self.substeps, self.on_gpu = ensemble.substeps, ensemble.model.device.is_cuda
+            self.start = ensemble.stepping.choices[-1]
         except UnstableStep as error:
             raise UnstableStep(f"at a corner of the bounds, {error}") from error
         except ValueError as error:  # unsupported by ensembles, or invalid, in which case simulations fail too
             several = [self._simulation(one) for one in corners]
             self.alone, self.on_gpu = str(error), several[0].model.device.is_cuda
-            self.substeps = max(one.substeps for one in several)
+            self.substeps, self.start = max(one.substeps for one in several), several[-1].choice
         self.refine(1.0)
 
     def refine(self, times: float) -> None:

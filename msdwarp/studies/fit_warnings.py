@@ -1,10 +1,11 @@
 """Warnings about a fit: parameters that cannot be determined, and residuals that differ from noise."""
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..integrators import StepChoice
 from .least_squares import CLOSE, Problem
 from .measured import Channel
 
@@ -17,8 +18,8 @@ OTHER = 1.5
 """Tolerated ratio of residuals to given noise, or of noise to residuals: noise is seldom known better."""
 BY_STEP = 2.0
 """Residuals below this multiple of the time step's error are attributed to the time step."""
-OUTRIGHT = 1000
-"""If a frame needs more substeps than this, measured times are probably in another unit."""
+OUTRIGHT = 300
+"""If the scene oscillates more often than this in a frame, measured times are probably in another unit."""
 
 
 def noise_warnings(
@@ -69,14 +70,14 @@ def _in_time(channel: Channel, left: NDArray[np.float64]) -> tuple[float, float]
     return float((table[:-1] * table[1:]).sum()) / squares, squares**2 / float((crossed**2).sum()) * len(times)
 
 
-def time_warnings(channels: Sequence[Channel], substeps: int) -> list[str]:
-    """Return warnings about measured times, before anything is simulated."""
-    if substeps <= OUTRIGHT:
+def time_warnings(start: StepChoice) -> list[str]:
+    """Return warnings about measured times, before anything is simulated; `start` is the choice at the start."""
+    swings = math.sqrt(start.rates.stiffness) / (2 * math.pi * start.fps)
+    if swings <= OUTRIGHT:
         return []
-    times = np.unique(np.concatenate([[0.0], *(one.time for one in channels)]))
     return [
-        f"measured has times {np.diff(times).min():.3g} s apart, in which the stiffest part of the scene "
-        f"oscillates about {substeps // 3} times; times must be in seconds"
+        f"measured is compared in frames {1 / start.fps:.3g} s apart, in which the stiffest part of the scene "
+        f"oscillates about {swings:.0f} times at the starting values; times must be in seconds"
     ]
 
 

@@ -78,6 +78,11 @@ class Probe:
     def __post_init__(self) -> None:
         if isinstance(self.on, Collider) and self.what != WRENCH:
             raise ValueError(f"what is {self.what!r}; it must be left out for an obstacle: both are measured")
+        if self.what == WRENCH and not isinstance(self.on, Collider):
+            raise ValueError(
+                f"what is left out, or {WRENCH!r}; for a group, here {checks.repr_short(self.on)}, it must be one "
+                f"of {', '.join(map(repr, QUANTITIES))}: only an obstacle needs none"
+            )
         checks.one_of("what", self.what, (WRENCH,) if isinstance(self.on, Collider) else QUANTITIES)
         checks.one_of("every", self.every, (FRAME, SUBSTEP))
 

@@ -52,16 +52,24 @@ def test_data_that_are_late_leave_residuals_that_go_together():
         fit(hung(*NEAR), late(TRUE, 0.1), BOTH, **HOW)
 
 
-def test_milliseconds_for_seconds_are_told_before_anything_long_starts():
-    def enough(line):
-        raise InterruptedError
+def enough(line):
+    raise InterruptedError(line)
 
+
+def test_milliseconds_for_seconds_are_told_before_anything_long_starts():
     measured = late(tracked(hung(), 0.1), times=1e3)
     with (
-        pytest.warns(FitWarning, match=r"measured has times 16\.7 s apart.*in seconds"),
+        pytest.warns(FitWarning, match=r"measured is compared in frames 16\.7 s apart.*in seconds"),
         pytest.raises(InterruptedError),
     ):
         fit(hung(*NEAR), measured, BOTH, report=enough, **HOW)
+
+
+def test_bounds_of_strong_damping_ask_for_substeps_and_not_for_another_unit_of_time():
+    # At ten times this damping a frame takes more than 1000 substeps, and the block oscillates less than once.
+    damped = hung(STIFFNESS, 20.0)
+    with pytest.raises(InterruptedError, match=r"^\d{4} substeps.*needs \d{3}: narrower"):  # warnings are errors
+        fit(damped, tracked(hung(), 0.1), BOTH, report=enough, device="cpu")
 
 
 @pytest.mark.parametrize(
