@@ -26,6 +26,8 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
         ),  # type: ignore[call-arg]
         (lambda: msd.Plane(mu=0.5), "Plane() got an unexpected keyword argument 'mu'. Did you mean friction?"),  # type: ignore[call-arg]
         (lambda: msd.Look(colour="#d9603b"), "Did you mean color?"),  # type: ignore[call-arg]
+        (lambda: msd.Look(lens=3), "'lens'; it takes color, inside, texture, smooth"),  # type: ignore[call-arg]
+        (lambda: msd.Ensemble(BODY, 2, restitution=[0, 1]), "Did you mean worlds, which may differ in stiffness,"),  # type: ignore[call-arg]
         (lambda: msd.Renderer(None, None, colouring=""), "Did you mean coloring?"),  # type: ignore
         (lambda: msd.Simulation(BODY, dt=0.01), "Did you mean substeps, the steps of a frame"),  # type: ignore[call-arg]
         (
@@ -41,7 +43,7 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
             "Scene.replace() got an unexpected keyword argument 'sistem'. Did",
         ),
     ],
-    ids=["typo", "material", "class", "look", "renderer", "step", "method", "system", "scene"],
+    ids=["typo", "material", "class", "look", "listed", "worlds", "renderer", "step", "method", "system", "scene"],
 )
 def test_keywords_lead_to_parameters(call, told):
     with pytest.raises(TypeError, match=re.escape(told)) as error:
@@ -56,10 +58,12 @@ def test_keywords_lead_to_parameters(call, told):
         (msd, "rope", "module 'msdwarp' has no attribute 'rope'. Did you mean chain?"),
         (msd, "sphere", "Did you mean ball, which is a body, or Sphere, an obstacle?"),
         (msd, "Chain", "Did you mean chain?"),
+        (msd, "Muscle", "Did you mean Actuator?"),  # though MUSCLE, a material, is nearer
         (msd, "ColourScale", "Did you mean ColorScale?"),
         (BODY, "points", "'System' object has no attribute 'points'. Did you mean position?"),
         (BODY, "masss", "Did you mean mass?"),
         (SIMULATION, "run", "Did you mean step(frames)"),
+        (SIMULATION, "probe", "Did you mean readings, of the argument probes?"),
     ],
 )
 def test_attributes_lead_to_names(of, name, told):
@@ -71,16 +75,17 @@ def test_attributes_lead_to_names(of, name, told):
 
 def test_what_guesses_lead_to_is_there():
     owners = {"msdwarp": msd, "System": BODY, "Scene": msd.Scene(system=BODY)}
+    owners |= {"Ensemble": msd.Ensemble, "FitResult": msd.FitResult, "Modes": msd.Modes}
     for owner, texts in NAMES.items():
         of = owners.get(owner, SIMULATION)
         for text, guesses in texts.items():
             for name in re.findall(r"msdwarp\.(\w+)", text):
                 assert hasattr(msd, name), text
-            if " " not in (first := re.split(r"[(.,]| or ", text)[0]) and first != "msdwarp":
+            if " " not in (first := re.split(r"[(.,]| or | \[", text)[0]) and first != "msdwarp":
                 assert hasattr(of, first), text
             assert not [one for one in guesses.split() if hasattr(of, one)], text  # else it is no guess
     things = [thing for name in msd.__all__ if inspect.isfunction(thing := getattr(msd, name))]
-    classes = [msd.System, msd.Scene, msd.Simulation, msd.Renderer, msd.Sphere, msd.Box, msd.Look]
+    classes = [msd.System, msd.Scene, msd.Simulation, msd.Ensemble, msd.Renderer, msd.Sphere, msd.Box, msd.Look]
     things += [*classes, *(one for cls in classes for one in vars(cls).values() if inspect.isfunction(one))]
     parameters = {one for thing in things for one in inspect.signature(thing).parameters}
     assert {re.split("[=,]", text)[0] for text in KEYWORDS} <= parameters

@@ -17,6 +17,10 @@ _MATERIAL = "material=Material(density=..., youngs_modulus=..., poissons_ratio=.
 _STEP = "substeps, the steps of a frame (by default as many as are stable), and fps, the frames per second"
 _LOOK = "Look(azimuth=..., elevation=..., distance=...)"
 _WINDOW = "msdwarp.view(scene), or msdwarp.film(scene, path)"
+_WORLDS = (
+    "worlds, which may differ in stiffness, damping, rest_length, mass, position, velocity, gravity and "
+    "friction alone"
+)
 _ALL = "measure(), which returns kinetic_energy, elastic_energy and more"
 KEYWORDS = {
     "stiffness": "k ke ks spring_constant spring_stiffness",
@@ -49,6 +53,10 @@ KEYWORDS = {
     "fraction": "share",
     "film": "video movie",
     "out": "folder output path directory",
+    "break_force": "max_force strength breaking_force tear_force",
+    "distance": "zoom camera_distance",
+    "azimuth, elevation, distance and target": "camera view viewpoint",
+    _WORLDS: "strain actuators density youngs_modulus poissons_ratio restitution damping_ratio break_strain",
 }
 """What an unknown keyword may mean: a parameter, perhaps with more words, and the guesses that lead to it.
 
@@ -60,12 +68,14 @@ NAMES: dict[str, dict[str, str]] = {
         "ball, which is a body, or Sphere, an obstacle": "sphere",
         "box": "cube cuboid block brick grid3d",
         "sheet or cloth, which are bodies, or Plane, an obstacle": "plane",
-        "sheet or cloth": "grid membrane fabric",
+        "sheet or cloth": "grid membrane fabric net",
         "System, or a function that makes one, such as box, ball, sheet or from_mesh": (
             "body SoftBody particles Model MassSpringSystem geom"
         ),
         "from_volume, which reads files": "load_mesh read_mesh mesh loadSoftBody load_obj from_file",
         "voxels": "voxel from_voxels from_array add_from_array",
+        "voxels, of a 3D array, or lattice, of a mask in 2D too": "pixels",
+        "box, a solid, or rod": "beam plank bar",
         "disc": "circle drum",
         "Plane": "ground floor wall HalfSpace",
         "cylinder, which is a body, or Capsule, an obstacle": "Cylinder",
@@ -73,11 +83,20 @@ NAMES: dict[str, dict[str, str]] = {
         "Probe": "Sensor ForceSensor LoadCell site",
         _LOOK: "camera light",
         "Scene": "World Environment Stage",
-        "Actuator": "motor",
+        "Actuator": "motor Muscle",
+        "PrescribedMotion": "Drive",
+        "System.with_velocity": "Throw",
+        "the fields break_force and break_strain of a System": "Tear Breaking Break Fracture max_force",
+        "the argument probes of Scene and Simulation, whose readings it keeps": "record",
+        "TrackedPoints, for fit": "Measurement",
+        "modes": "eigenmodes eigenfrequencies normal_modes",
+        "Simulation.settle, or Scene(settled=True)": "settle relax",
         "PrescribedMotion, or System.pin": "pin fixed anchor constraint fix createSoftBodyAnchor equality mocap",
         "Attachment or join": "tie weld attach createConstraint joint hinge tendon sew seam stitch knot",
+        "join": "connect glue",
         "Trajectory(path)": "load read open open_trajectory",
-        _WINDOW: "render plot animate gui ui window plotter viewer launch_passive connect",
+        _WINDOW: "render animate gui ui window plotter viewer launch_passive",
+        "msdwarp.view(scene), msdwarp.film(scene, path), or msdwarp plot in a shell, for energies": "plot",
         "run(scene, out)": "simulate main",
         "the argument device of Simulation and run": "init device cpu gpu cuda",
         "the argument gravity of Scene and Simulation": "gravity",
@@ -146,12 +165,25 @@ NAMES: dict[str, dict[str, str]] = {
         "substeps, of a frame of 1 / fps seconds": "timestep time_step",
         "contact_force()": "contacts contact_forces contact_points",
         "change(colliders=...)": "add_collider set_colliders",
+        "readings, of the argument probes": "probe probes sensor sensors",
+        "snapshot().broken_at": "broken broken_at",
+        "snapshot().strain": "strain strains",
+        'readings, of a Probe(group, "force")': "forces force tension spring_forces",
     },
+    "Ensemble": {
+        "run(seconds, observe={...}), which observes probes and energies by world": (
+            "readings measure probe probes energy kinetic_energy elastic_energy"
+        ),
+        "frame().position": "x points qpos",
+        "system_of(world), or simulation_of(world)": "snapshot system systems simulation world",
+    },
+    "FitResult": {"standard_deviations": "uncertainty uncertainties errors std stderr sigma"},
+    "Modes": {"frequencies [Hz]": "omega omegas eigenvalues omega_n", "shapes": "vectors eigenvectors modes"},
 }
 """What an unknown attribute may mean, by class or module: a text, and the guesses that lead to it."""
 _NEAR = 0.7
 """How alike a guess and a name must be, of 1: a third of such letters may differ."""
-_MOST_LISTED = 12
+_MOST_LISTED = 25
 """Maximal number of parameters that a message lists if none is near."""
 _done = set[type]()
 """Classes that `guide` has changed."""
