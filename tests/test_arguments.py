@@ -28,6 +28,10 @@ def renderer(**options) -> msd.Renderer:
 TEXT = [
     (lambda: msd.at("1"), "time is '1'; it must be a number of at least 0"),
     (lambda: BODY.rotate("1"), "angle is '1'; it must be a number from"),
+    (
+        lambda: BODY.rotate((0, 0, 90)),
+        "angle is (0, 0, 90); it must be a number [rad], with the axis as the second",
+    ),
     (lambda: BODY.rotate(1.0, axis="xyz"), "axis must be an array of numbers, not 'xyz'"),
     (lambda: msd.chain(3, mass=True), "mass must be an array of numbers, not True"),
     (lambda: msd.ball(True, 0.1), "radius is True; it must be a number above 0"),

@@ -45,10 +45,10 @@ def given_substeps(substeps: int | str) -> int | None:
     return int(substeps)
 
 
-def problem_of(name: str, scene: Problem | System, **around: Any) -> Problem:
+def problem_of(name: str, scene: Problem | System, also: str = "", **around: Any) -> Problem:
     """Return a scene itself, or the problem of a system with what is given of the other fields of `Problem`.
 
-    Raises ValueError if it is neither, or a field is given beside a scene.
+    Raises ValueError if it is neither, or a field is given beside a scene; `also` ends that message.
     """
     defaults = {"gravity": GRAVITY, "colliders": (), "loads": (), "contact": None, "schedule": (), "probes": None}
     nothing = {"colliders", "loads", "schedule", "probes"}  # what says as little as the default if it is empty
@@ -63,7 +63,9 @@ def problem_of(name: str, scene: Problem | System, **around: Any) -> Problem:
         return Problem(system=scene, **given)
     for field in given:
         verb = "are" if field in ("colliders", "loads", "probes") else "is"
-        raise ValueError(f"{field} {verb} given beside a Scene, which has its own; that must be in the scene")
+        raise ValueError(
+            f"{field} {verb} given beside a Scene, which has its own; that must be in the scene{also}"
+        )
     return scene
 
 

@@ -63,7 +63,7 @@ class Ensemble(Present):
     friction
         Friction of the obstacles, shape [entries] (the same for all) or [entries, collider_count].
     colliders, loads
-        With a `System`: obstacles, loads, and contact between bodies.
+        With a `System`: obstacles, loads, and contact between bodies, the same in all worlds.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
         As for `Simulation`. All worlds have the same number of substeps; "auto" is the largest that a world needs.
         It follows functions of one's own, and of time, but no energies.
@@ -121,7 +121,8 @@ class Ensemble(Present):
     ) -> None:
         self.worlds = int(checks.count("worlds", worlds, 1))
         chooser = SubstepChooser(integrator, fps, substeps, safety, allow_unstable)
-        problem = problem_of("scene", scene, colliders=colliders, loads=loads, contact=contact)
+        same = ", the same for all worlds"
+        problem = problem_of("scene", scene, same, colliders=colliders, loads=loads, contact=contact)
         if problem.schedule:
             raise ValueError("the scene has a schedule, which worlds of an ensemble cannot have yet")
         if chooser.method.solves:

@@ -233,6 +233,10 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
             {"scene": msd.Scene(system=block(), contact=msd.Contact()), "contact": msd.Contact()},
             "contact is given beside a Scene",
         ),
+        (
+            {"scene": msd.Scene(system=block()), "loads": [msd.Force((0, 0, 1))]},
+            "loads are given beside a Scene.*the same for all worlds",
+        ),
         ({"scene": msd.Scene(system=block(), schedule=[msd.at(1.0, gravity=0.0)])}, "the scene has a schedule"),
         ({"scene": 3}, "scene is 3"),
         (
