@@ -13,7 +13,13 @@ AXES = {1: [0], 2: [0, 2], 3: [0, 1, 2]}
 
 
 def rotation_matrix(dim: int, angle: float, axis: ArrayLike = (0, 0, 1)) -> NDArray[np.float64]:
-    """Return the matrix of a rotation by `angle` [rad], in three dimensions about an axis."""
+    """Return the matrix of a rotation by `angle` [rad], in three dimensions about an axis; check both."""
+    if np.ndim(angle):
+        raise ValueError(
+            f"angle is {checks.repr_short(angle)}; it must be a number [rad], with the axis as the second "
+            "argument, such as rotate(np.pi / 2, (0, 0, 1))"
+        )
+    checks.between("angle", angle, -checks.LARGEST, checks.LARGEST)
     cosine, sine = np.cos(angle), np.sin(angle)
     if dim == 2:
         return np.array([[cosine, -sine], [sine, cosine]])

@@ -289,12 +289,6 @@ class System(Regional):
         about
             A point on the axis [m], shape [d]; by default the centre of mass.
         """
-        if np.ndim(angle):
-            raise ValueError(
-                f"angle is {checks.repr_short(angle)}; it must be a number [rad], with the axis as the second "
-                "argument, such as rotate(np.pi / 2, (0, 0, 1))"
-            )
-        checks.between("angle", angle, -checks.LARGEST, checks.LARGEST)
         centre = self.center_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
         turn = rotation_matrix(self.dim, angle, axis)
         return self.replace(position=(self.position - centre) @ turn.T + centre, velocity=self.velocity @ turn.T)
