@@ -198,12 +198,12 @@ def plot(
     force: Flag = False,
     verbose: Verbose = False,
 ) -> None:
-    """Plot energies, momentum and heights of a trajectory against time, or the results of a sweep.
+    """Plot energies, momentum and heights of a trajectory, readings of probes, or the results of a sweep.
 
     Parameters
     ----------
     file
-        A trajectory (*.vtkhdf), a run's folder, a sweep's folder or its results.nc.
+        A trajectory (*.vtkhdf), a run's folder or its probes.csv, a sweep's folder or its results.nc.
     out
         File to write: *.png for a plot, *.csv for a table. Default: the file's name with .png.
     gravity
@@ -216,13 +216,16 @@ def plot(
     start_warp(verbose)
     with at_once():
         from .. import checks
-        from ..studies import RESULTS, plot_sweep, write_history
+        from ..studies import RESULTS, plot_readings, plot_sweep, write_history
     swept = file / RESULTS if (file / RESULTS).exists() else file
     if swept.suffix == ".nc":
         print(f"wrote {plot_sweep(swept, out or swept.with_suffix('.png'), show=show, force=force)}")
         return
     if show is not None:
         raise ValueError(f"show is {show!r}; it is for the results of a sweep, and {file} is none")
+    if file.suffix == ".csv":
+        print(f"wrote {plot_readings(file, out or file.with_suffix('.png'), force)}")
+        return
     with opened(file) as trajectory:
         stored = trajectory.attributes if gravity is None else {"gravity": gravity}
         acceleration = checks.member("without --gravity, the file", stored, "gravity")

@@ -7,7 +7,7 @@ from .fit_result import FitResult
 from .grid import as_scalar, check_size, points, values_of
 from .history import particle_energies, system_in, write_history
 from .measured import TrackedPoints
-from .plots import output_path, plot_pictures
+from .plots import output_path, plot_pictures, plot_readings
 from .sweep import complete, sweep
 from .sweep_ensembles import ENSEMBLE, ensemble_summary
 from .sweep_plot import plot_sweep

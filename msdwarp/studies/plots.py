@@ -1,6 +1,7 @@
 """Curves over time, and pictures side by side."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from .. import disk
 
 RED, BLUE, GREEN, DARK = "#e4633f", "#2f6f9f", "#5a9e6f", "#333a40"
 """Colors of curves."""
+_COMPONENT = re.compile(r"_(x|y|z|xx|yy|zz|xy|xz|yz|von_mises|mean|largest)(?=_(?:m|m_s|N|N_m)$|$)")
+"""What a column of probe readings has after the quantity, before its unit."""
 
 
 def output_path(path: str | Path, suffix: str, force: bool, name: str = "path") -> Path:
@@ -67,6 +70,44 @@ def plot_log(csv_path: Path, png_path: Path) -> None:
     axes.set_xlabel("time [s]")
     axes.legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 1), ncols=4)
     save_figure(figure, png_path)
+
+
+def plot_readings(csv_path: Path, png_path: Path, force: bool) -> Path:
+    """Draw readings of probes against time, from a file such as a run's probes.csv; return the picture's path.
+
+    Columns that differ in their component alone share a panel. Raises ValueError if the file has no such columns,
+    or no rows.
+    """
+    target = output_path(png_path, ".png", force, "out")
+    with csv_path.open(encoding="utf-8") as lines:
+        time, *names = lines.readline().strip().split(",")
+        if time != "time_s" or not names:
+            raise ValueError(
+                f"{csv_path} begins with {time[:40]!r}; it must have columns time_s, foot_force_x_N ..."
+            )
+        rows = lines.readlines()
+    if not rows:
+        raise ValueError(f"{csv_path} has no rows; nothing was read")
+    table = np.loadtxt(rows, delimiter=",", ndmin=2)
+    panels: dict[str, list[int]] = {}
+    for k, name in enumerate(names, 1):
+        panels.setdefault(_COMPONENT.sub("", name), []).append(k)
+    figure = new_figure(8, 0.4 + 2.4 * len(panels))
+    every = figure.subplots(len(panels), squeeze=False, sharex=True)[:, 0]
+    for axes, (title, columns) in zip(every, panels.items(), strict=True):
+        for k in columns:
+            component = _COMPONENT.search(names[k - 1])
+            axes.plot(
+                table[:, 0], table[:, k], lw=1.5, label=component[1].replace("_", " ") if component else None
+            )
+        axes.set_ylabel(title, parse_math=False)
+        axes.margins(x=0)
+        add_grid(axes)
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(frameon=False, ncols=4)
+    every[-1].set_xlabel("time [s]")
+    save_figure(figure, target)
+    return target
 
 
 def draw_energies(axes: Any, table: NDArray[np.void]) -> None:

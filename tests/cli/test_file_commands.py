@@ -123,6 +123,23 @@ def test_a_plot_and_a_table_are_written_and_kept(msdwarp, cube):
         np.testing.assert_allclose(table["lowest_m"], found.positions[:][..., 2].min(axis=1), rtol=1e-8)
 
 
+def test_readings_of_probes_are_plotted(msdwarp, tmp_path):
+    (tmp_path / "probes.csv").write_text(
+        "time_s,foot_force_x_N,foot_force_y_N,s_strain_mean\n0.1,1,2,0.1\n0.2,3,4,0\n"
+    )
+    assert msdwarp("plot", "probes.csv")[:2] == (0, "wrote probes.png\n")
+    picture = np.asarray(Image.open("probes.png").convert("L"))
+    assert picture.std() > 5  # not blank
+    assert picture.shape[0] == pytest.approx(
+        150 * (0.4 + 2.4 * 2), abs=1
+    )  # a panel for the force, one for the strain
+    assert "which exists" in msdwarp("plot", "probes.csv")[2]
+    (tmp_path / "empty.csv").write_text("time_s,foot_force_x_N\n")
+    assert "empty.csv has no rows" in msdwarp("plot", "empty.csv")[2]
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    assert "begins with 'a'; it must have columns time_s" in msdwarp("plot", "other.csv")[2]
+
+
 @pytest.mark.slow
 def test_a_plot_needs_to_know_gravity(msdwarp, tmp_path):
     write(tmp_path / "a.vtkhdf", SYSTEMS["box"], 3)
