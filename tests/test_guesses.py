@@ -25,6 +25,7 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
             "Did you mean material=Material(density=..., youngs_modulus=...",
         ),  # type: ignore[call-arg]
         (lambda: msd.Plane(mu=0.5), "Plane() got an unexpected keyword argument 'mu'. Did you mean friction?"),  # type: ignore[call-arg]
+        (lambda: msd.Scene(BODY, fps=30.0), "Did you mean duration, while fps is an argument of Simulation"),  # type: ignore[call-arg]
         (lambda: msd.Look(colour="#d9603b"), "Did you mean color?"),  # type: ignore[call-arg]
         (lambda: msd.Look(lens=3), "'lens'; it takes color, inside, texture, smooth"),  # type: ignore[call-arg]
         (lambda: msd.Ensemble(BODY, 2, restitution=[0, 1]), "Did you mean worlds, which may differ in stiffness,"),  # type: ignore[call-arg]
@@ -43,7 +44,20 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
             "Scene.replace() got an unexpected keyword argument 'sistem'. Did",
         ),
     ],
-    ids=["typo", "material", "class", "look", "listed", "worlds", "renderer", "step", "method", "system", "scene"],
+    ids=[
+        "typo",
+        "material",
+        "class",
+        "fps",
+        "look",
+        "listed",
+        "worlds",
+        "renderer",
+        "step",
+        "method",
+        "system",
+        "scene",
+    ],
 )
 def test_keywords_lead_to_parameters(call, told):
     with pytest.raises(TypeError, match=re.escape(told)) as error:
@@ -58,6 +72,7 @@ def test_keywords_lead_to_parameters(call, told):
         (msd, "rope", "module 'msdwarp' has no attribute 'rope'. Did you mean chain?"),
         (msd, "sphere", "Did you mean ball, which is a body, or Sphere, an obstacle?"),
         (msd, "Chain", "Did you mean chain?"),
+        (msd, "combine", "Did you mean a + b, sum([a, b]), or join?"),  # though Cone is near
         (msd, "Muscle", "Did you mean Actuator?"),  # though MUSCLE, a material, is nearer
         (msd, "ColourScale", "Did you mean ColorScale?"),
         (BODY, "points", "'System' object has no attribute 'points'. Did you mean position?"),

@@ -40,7 +40,8 @@ class Problem:
     shape: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        checks.instance("system", self.system, System, "chain(5)")
+        several = isinstance(self.system, list | tuple)
+        checks.instance("system", self.system, System, "a + b, or sum([a, b])" if several else "chain(5)")
         kinds = (
             ("colliders", Collider, "Plane()"),
             ("loads", Load, "Force((0, 0, 1))"),

@@ -97,7 +97,10 @@ class Scene(Problem):
                     f"observe[{name!r}] is {checks.repr_short(one)}; it must be a function (position, velocity)"
                 )
         if self.system.surface is None and not self.system.connection_count:
-            raise ValueError("system has neither a surface nor connections: there is nothing to draw")
+            raise ValueError(
+                "system has neither a surface nor connections: there is nothing to draw; Simulation(system, ...) "
+                "takes it without a Scene"
+            )
 
     def _checked_looks(self) -> dict[str, Look]:
         """Return the looks of groups; raise ValueError for an unknown group, or a field of the whole picture."""

@@ -31,6 +31,8 @@ def test_a_checkpoint_leaves_gravity_that_nobody_changed():
 
 def test_nothing_may_be_given_beside_a_scene():
     assert Ensemble(Scene(system=chain(5)), 2, colliders=[], loads=[], device="cpu").simulation_of(0, probes=None)
+    with pytest.raises(ValueError, match=r"system is a list; .*a \+ b, or sum"):
+        Scene([chain(2), chain(2)])  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="contact is given beside a Scene"):
         Simulation(Scene(system=chain(5)), contact=Contact(), device="cpu")
 
