@@ -12,9 +12,6 @@ from ..threads import grid_thread
 from .contact_data import DUE, FORCED, MOVED, NEAR_PATH, PATH, BodyContactData, NearPairs, first_flag
 from .facet_tree import drifts
 
-AT_ONCE = 4
-"""Number of a vertex's particles that are read at the same time."""
-
 
 @functools.cache
 def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = False):
@@ -54,17 +51,13 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
         while i < data.surfaces.x.shape[0]:
             place = V()
             speed = V()
-            last = entry(data.surfaces.first, i + 1)
-            for begin in range(entry(data.surfaces.first, i), last, wp.static(AT_ONCE)):
-                for k in range(wp.static(AT_ONCE)):  # on a GPU the latencies of their reads overlap
-                    s = wp.min(begin + k, last - 1)
-                    j = entry(data.surfaces.particle, s)
-                    weight = wp.where(begin + k < last, weight_of(data.surfaces.weight, s), scalar(0.0))
-                    x_j = load(x, j)
-                    if wp.static(compensated):
-                        x_j = x_j - load(compensation.x, j)
-                    place += weight * x_j
-                    speed += weight * load(v, j)
+            for s in range(entry(data.surfaces.first, i), entry(data.surfaces.first, i + 1)):
+                j = entry(data.surfaces.particle, s)
+                x_j = load(x, j)
+                if wp.static(compensated):
+                    x_j = x_j - load(compensation.x, j)
+                place += weight_of(data.surfaces.weight, s) * x_j
+                speed += weight_of(data.surfaces.weight, s) * load(v, j)
             store(data.surfaces.x, i, place)
             store(data.surfaces.v, i, speed)
             for k in range(wp.static(dim)):
