@@ -13,7 +13,7 @@ import warp as wp
 
 from ..basis import kernel
 from ..lanes import ballot_of_lanes, count_before, count_bits, least_of_lanes, lowest_bit, lowest_of_lanes
-from ..partition import extend_to
+from ..partition import extend_to, raise_to
 from ..records import records
 from ..threads import grid_thread
 from .contact_data import MOST_BODY_PAIRS, NOT_DUE, BodyContactData, first_flag
@@ -355,7 +355,7 @@ def box_neighbours(scalar: type, lanes: int, worlds: bool = False):
             data.neighbors.body_pair_count[i] = wp.min(count, data.neighbors.body_pairs.shape[1])
             at = first_of(data, i) + wp.static(MOST_BODY_PAIRS)
             if count > int(flags[at]):
-                wp.atomic_max(flags, at, float(count))
+                raise_to(flags, at, float(count))
             tree.near_lower[i] = lower
             tree.near_upper[i] = upper
 
