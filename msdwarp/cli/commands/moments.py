@@ -36,24 +36,29 @@ class Moments:
     def at(self, moment: float) -> Moment:
         """Return what is shown at a number of a frame, or a fraction between two."""
         k = min(int(moment + 1e-9), self._last)
-        share, one = moment - k, self._frame(k)
-        if share < 1e-9 or k == self._last:
+        fraction, one = moment - k, self._frame(k)
+        if fraction < 1e-9 or k == self._last:
             return one.position, float(one.time), _at(self._values, k), _at(self._forces, k)
         other, step = self._frame(k + 1), float(self._times[k + 1] - self._times[k])
         x, y, v, w = (
             each.astype(np.float64) for each in (one.position, other.position, one.velocity, other.velocity)
         )
-        ends = (1 + 2 * share) * (1 - share) ** 2 * x + share**2 * (3 - 2 * share) * y
-        slopes = share * (1 - share) ** 2 * v - share**2 * (1 - share) * w
+        ends = (1 + 2 * fraction) * (1 - fraction) ** 2 * x + fraction**2 * (3 - 2 * fraction) * y
+        slopes = fraction * (1 - fraction) ** 2 * v - fraction**2 * (1 - fraction) * w
         position = (ends + step * slopes).astype(one.position.dtype)
-        return position, float(one.time) + share * step, _at(self._values, k, share), _at(self._forces, k, share)
+        return (
+            position,
+            float(one.time) + fraction * step,
+            _at(self._values, k, fraction),
+            _at(self._forces, k, fraction),
+        )
 
 
-def _at(values: Callable[[int], NDArray] | None, k: int, share: float = 0.0) -> NDArray | None:
-    """Return values in frame k or, if `share` is not 0, that much of the way to the next frame."""
+def _at(values: Callable[[int], NDArray] | None, k: int, fraction: float = 0.0) -> NDArray | None:
+    """Return values in frame k or, if `fraction` is not 0, that much of the way to the next frame."""
     if values is None:
         return None
-    return (1 - share) * values(k) + share * values(k + 1) if share else values(k)
+    return (1 - fraction) * values(k) + fraction * values(k + 1) if fraction else values(k)
 
 
 def exposed(moment: float, open_for: float, samples: int, span: Sequence[int]) -> NDArray[np.float64]:
