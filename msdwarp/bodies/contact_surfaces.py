@@ -28,6 +28,8 @@ LEAST_COSINE, GOOD_COSINE, SHORTER = 0.3, 0.975, 0.02
 particle may be a spacing nearer."""
 LARGEST_WEIGHT = 0.6
 """Largest weight of the particle towards which a vertex is moved."""
+AT_A_TIME = 2**12
+"""Vertices that are moved at a time: what is computed for them fits a processor's cache."""
 DETERMINED = 0.05
 """Least fraction of the area around a vertex that determines a direction: a flat face only its normal."""
 
@@ -155,31 +157,33 @@ def _moved_inwards(
         return particle, weight
     y = np.einsum("vk,vkd->vd", weight, x[particle])
     inwards = _inward(y, triangles)
-    ends = np.concatenate([connections, connections[:, ::-1]])
-    vertex, there = chosen, np.take_along_axis(particle, weight.argmax(axis=1)[:, None], axis=1)[chosen, 0]
+    closest = np.take_along_axis(particle, weight.argmax(axis=1)[:, None], axis=1)[:, 0]
     best, inner = np.full(len(y), LEAST_COSINE), np.zeros(len(y), dtype=np.int64)
-    for _ in range(HOPS):
-        left = best[vertex] < GOOD_COSINE
-        vertex, there = vertex[left], there[left]
-        leaving = ends[mask_of(there, len(x))[ends[:, 0]]]
-        leaving = leaving[np.argsort(leaving[:, 0], kind="stable")]
-        first, last = (np.searchsorted(leaving[:, 0], there, side=side) for side in ("left", "right"))
-        count = last - first
-        start = np.repeat(first - (np.cumsum(count) - count), count)
-        found = np.sort(np.repeat(vertex, count) * len(x) + leaving[start + np.arange(len(start)), 1])
-        vertex, there = np.divmod(found[np.diff(found, prepend=-1) > 0], len(x))
-        towards = x[there] - y[vertex]
-        length = np.linalg.norm(towards, axis=1)
-        cosine = np.einsum("vd,vd->v", towards, inwards[vertex])
-        cosine /= np.maximum(length * np.linalg.norm(inwards[vertex], axis=1), 1e-300)
-        near = length < FAR * spacing[vertex]
-        # Of equally good directions the nearest; which is last in order of score is written last.
-        score = np.where(
-            near & (length > NEAR * spacing[vertex]), cosine - SHORTER * length / spacing[vertex], -1.0
-        )
-        order = np.argsort(score, kind="stable")
-        order = order[score[order] > best[vertex[order]]]
-        best[vertex[order]], inner[vertex[order]] = score[order], there[order]
+    ends = np.concatenate([connections, connections[:, ::-1]])
+    ends = ends[np.argsort(ends[:, 0], kind="stable")]
+    begin = np.append(0, np.cumsum(np.bincount(ends[:, 0], minlength=len(x))))
+    for vertex in np.array_split(chosen, -(-len(chosen) // AT_A_TIME)):
+        there = closest[vertex]
+        for _ in range(HOPS):
+            left = best[vertex] < GOOD_COSINE
+            vertex, there = vertex[left], there[left]
+            first, last = begin[there], begin[there + 1]
+            count = last - first
+            start = np.repeat(first - (np.cumsum(count) - count), count)
+            found = np.sort(np.repeat(vertex, count) * len(x) + ends[start + np.arange(len(start)), 1])
+            vertex, there = np.divmod(found[np.diff(found, prepend=-1) > 0], len(x))
+            towards = x[there] - y[vertex]
+            length = np.linalg.norm(towards, axis=1)
+            cosine = np.einsum("vd,vd->v", towards, inwards[vertex])
+            cosine /= np.maximum(length * np.linalg.norm(inwards[vertex], axis=1), 1e-300)
+            near = length < FAR * spacing[vertex]
+            # Of equally good directions the nearest; which is last in order of score is written last.
+            score = np.where(
+                near & (length > NEAR * spacing[vertex]), cosine - SHORTER * length / spacing[vertex], -1.0
+            )
+            order = np.argsort(score, kind="stable")
+            order = order[score[order] > best[vertex[order]]]
+            best[vertex[order]], inner[vertex[order]] = score[order], there[order]
     moves = best > LEAST_COSINE
     towards = np.where(moves[:, None], x[inner] - y, 0.0)
     # As far along this displacement as the planes around it are to move.

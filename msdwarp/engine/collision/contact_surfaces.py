@@ -169,17 +169,18 @@ def neighbourhoods(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return where the row of each vertex starts, and rows: the vertices within `hops` edges, and itself."""
     count, corner = len(surfaces.particle), surfaces.corner
-    edges = np.concatenate([corner[:, [k, k - 1]] for k in range(3)]).astype(np.int64)
-    edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    degree = np.bincount(edges[:, 0], minlength=count)
-    first = np.append(0, np.cumsum(degree))
     vertex = near = np.arange(count)
+    if not hops.any():
+        return np.arange(count + 1), near
+    a, b = np.concatenate([corner[:, [k, k + step]] for k in range(3) for step in (-1, -2)]).astype(np.int64).T
+    from_end, to_end = np.divmod(np.unique((a * count + b)[a != b]), count)
+    degree = np.bincount(from_end, minlength=count)
+    first = np.append(0, np.cumsum(degree))
     for hop in range(1, int(hops.max(initial=0)) + 1):
         on = hops[surfaces.body[vertex]] >= hop
         further = degree[near[on]]
         begins = np.repeat(first[near[on]] - np.append(0, np.cumsum(further)[:-1]), further)
-        added = edges[begins + np.arange(len(begins)), 1]
+        added = to_end[begins + np.arange(len(begins))]
         both = np.concatenate([vertex, np.repeat(vertex[on], further)]), np.concatenate([near, added])
         vertex, near = np.divmod(np.unique(both[0] * count + both[1]), count)
     return np.append(0, np.cumsum(np.bincount(vertex, minlength=count))), near
