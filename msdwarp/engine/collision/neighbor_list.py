@@ -277,7 +277,7 @@ class NeighborList:
         """Launch the start of a search: boxes around facets and all nodes of the tree."""
         tree, given = self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
-        soon = (self.check_every + ALLOWANCE) * self.dt
+        soon = (CHECK_EVERY + ALLOWANCE) * self.dt  # else a few fast vertices would cause a search each substep
         self.launch(self._begin_search, many, [*given, self.buffer, soon, self.most_slack, after], [])
         self.launch(self._box_facets, self._warp * len(tree.piece), given, [])
         for one in (self._binary, self._bodies):
