@@ -30,6 +30,10 @@ from .persistent import launch_persistent
 from .stages import Stage, StageArrays
 from .world_differences import differences, fill_world_data, threads_at_a_time
 
+DIFFERENT = 2
+"""The first substeps of a frame differ from the others; so does the last one."""
+REPEATED_ON_GPU = 16
+"""Substeps that a GPU repeats; a multiple of the number between two decisions whether to search for contact."""
 MOST_SELECTIVE = 8
 """Number of bits in the mask of the selective effects that act on a particle."""
 MOST_IN_SECOND_PASS = 0.25
@@ -286,7 +290,7 @@ class Dynamics:
                 self._per_stage.note(method)
         if partition is not None:
             note(wait_for_all)
-        if in_frames and self.repeats:
+        if in_frames and self.repeated and repetitions(self.steps.substeps, self.repeated):
             note(count_down)
 
     def has_parts_before(self, stage: Stage) -> bool:
@@ -348,10 +352,17 @@ class Dynamics:
         return persistent(self.composition, method, blocks)
 
     @property
-    def repeats(self) -> bool:
-        """Whether all substeps of a frame are the same launches, on a CPU, where recording one takes 1 ms."""
-        alike = not self.composition.timed and not any(one.numbers_substeps for one in self.assembly.all)
-        return alike and not self.model.device.is_cuda
+    def repeated(self) -> int:
+        """How many substeps, all of the same launches, are recorded once and repeated by the device; 0: none.
+
+        Recording one takes a CPU 1 ms. So it does for bodies in contact on a GPU, which repeats many at a time,
+        since a repetition takes 10 µs; without contact a substep has one or two launches there.
+        """
+        if self.composition.timed or any(one.numbers_substeps for one in self.assembly.all):
+            return 0
+        if self.model.device.is_cuda:
+            return REPEATED_ON_GPU if self.assembly.body_contact is not None else 0
+        return 2
 
     def repeat(self, times: int, launch: Callable[[], None]) -> None:
         """Call `launch`; the device repeats its launches this many times, at least once."""
@@ -388,3 +399,9 @@ class Dynamics:
     def launches_before_forces(self) -> bool:
         """Whether any effect launches something before forces."""
         return bool(self._preceding)
+
+
+def repetitions(substeps: int, repeated: int) -> int:
+    """Return how often the device repeats so many substeps of a frame; 0 if not more than once."""
+    times = (substeps - DIFFERENT - 1) // repeated if repeated else 0
+    return times if times > 1 else 0

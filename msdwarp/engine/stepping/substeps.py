@@ -13,7 +13,7 @@ from ...kernels.integrators.persistent import MOST_THREADS
 from ..model.state import State
 from ..springs.linearised import note_products
 from .contact_launch import ContactLaunch, contact_launch
-from .dynamics import Dynamics
+from .dynamics import DIFFERENT, Dynamics, repetitions
 from .persistent import CLUSTER, launch_persistent, persistent_blocks
 from .shared_memory import Chip, on_chip
 from .stages import Solve, Stage
@@ -71,8 +71,8 @@ class Stepper:
         """Whether `contact` launches the next frames."""
         if chosen and single and not one_launch and after_substep is None:
             self.contact = contact_launch(dynamics, stages_only, len(stages_only) // 2)
-        self._repeats = single and after_substep is None and dynamics.repeats
-        """Whether a frame repeats two substeps, which are recorded once."""
+        self._repeated = dynamics.repeated if single and after_substep is None else 0
+        """How many substeps are recorded once, and repeated by the device; 0: none."""
         if self.blocks is None and not (model.in_worlds and one_launch and chosen):
             dynamics.note(*(one.method for one in stages_only))
             return
@@ -106,13 +106,12 @@ class Stepper:
                 self._state.flip()
             self.contact.test_motion(self._state.state_in)
         elif self.blocks is None:
-            begun, repeats = 2, (substeps - 3) // 2  # the first two and the last substep differ from the others
-            if not self._repeats or repeats < 2:
-                begun = repeats = 0
+            many, repeats = self._repeated, repetitions(substeps, self._repeated)
+            begun = DIFFERENT if repeats else 0
             self._take_each(range(begun), first)
             if repeats:
-                self._dynamics.repeat(repeats, lambda: self._take_each(range(2, 4), 0))
-            self._take_each(range(begun + 2 * repeats, substeps), first)
+                self._dynamics.repeat(repeats, lambda: self._take_each(range(begun, begun + many), first % many))
+            self._take_each(range(begun + many * repeats, substeps), first)
         else:
             self._launch_all(*self.blocks, substeps * self._per_substep, first)
             if substeps % 2 and self.chip is None:
