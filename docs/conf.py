@@ -25,7 +25,7 @@ source_suffix = {
     ".ipynb": "myst-nb",
 }
 nb_execution_mode = "off"  # notebooks are kept with what they showed; tests/test_notebooks.py executes them
-exclude_patterns = ["images", "templates"]
+exclude_patterns = ["images", "templates", "paper.md"]  # the paper is typeset from its source, with its references
 templates_path = ["templates"]
 html_static_path = ["films"]
 # Read as they stand, pages link to headings as GitHub names them.

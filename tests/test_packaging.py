@@ -148,5 +148,6 @@ def test_the_workflow_runs_the_checks():
     for name in ("quick", "lowest"):
         assert any("pytest" in run and "not slow" in run for run in runs[name])
     assert any("--resolution lowest-direct" in run for run in runs["lowest"])
+    assert any("--cov-fail-under" in run for run in runs["lowest"])
     lowest = PROJECT["requires-python"].removeprefix(">=")
     assert lowest in jobs["all"]["strategy"]["matrix"]["python"]

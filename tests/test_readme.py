@@ -290,10 +290,15 @@ def test_the_modes_page_finds_a_beam_and_a_drum():
     )
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", sorted({*PAGES, *ROOT.glob("*.md")}), ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page):
     links = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text(encoding="utf-8"))
     assert not [link for link in links if not (page.parent / link).exists()]
+
+
+def test_the_paper_cites_what_its_bibliography_has():
+    paper, entries = ((DOCS / f"paper.{kind}").read_text(encoding="utf-8") for kind in ("md", "bib"))
+    assert set(re.findall(r"\[@(\w+)\]", paper)) == set(re.findall(r"^@\w+\{(\w+),", entries, flags=re.MULTILINE))
 
 
 def test_every_path_of_the_layout_exists():
@@ -314,7 +319,7 @@ def test_every_path_of_the_layout_exists():
 def test_every_page_has_a_place_on_the_site():
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     listed = set("\n".join(re.findall(r"```\{toctree\}\n(.*?)```", index, flags=re.DOTALL)).split())
-    assert {page.stem for page in DOCS.glob("*.md")} - {"index"} <= listed
+    assert {page.stem for page in DOCS.glob("*.md")} - {"index", "paper"} <= listed
     assert {f"notebooks/{book.stem}" for book in DOCS.glob("notebooks/*.ipynb")} <= listed
 
 

@@ -1,9 +1,11 @@
 """The texts of systems, scenes, colliders and trajectories: what they are, in a few lines, and never an array."""
 
 import functools
+from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from trajectories import write
 
 import msdwarp as msd
@@ -12,6 +14,11 @@ from msdwarp.cli.provenance import digest
 
 def press(time):
     return (0, 0, -time)
+
+
+@wp.func
+def rubbing(strain: Any, rate: Any, damping: Any):
+    return damping * rate
 
 
 BLOCK = msd.box((3, 2, 4), 0.1, mass=0.5, stiffness=200.0, damping=0.3).translate((0, 0, 1))
@@ -80,6 +87,14 @@ def test_a_scene_says_what_is_in_it():
     dressed = msd.Scene(system=BLOCK.named("block"), looks={"block": msd.Look()})
     assert repr(dressed).splitlines()[-1] == "  looks of their own: block"
     assert repr(msd.Scene(system=BLOCK)).splitlines()[0] == "Scene of 4 s, gravity 9.82 m/s²"
+
+
+def test_drives_laws_of_one_s_own_and_modes_say_what_they_are():
+    assert repr(msd.PrescribedMotion("top", press)) == "PrescribedMotion(on='top', motion=press)"
+    assert repr(msd.PrescribedMotion("top")).endswith(" at rest")
+    assert repr(msd.OwnDamper(rubbing, 4.0)) == "OwnDamper(rubbing, 4)"
+    found = msd.Modes(np.array([0.0, 12.3456]), np.zeros((3, 2)), np.zeros((2, 3, 2)), np.zeros(2), np.ones(2))
+    assert repr(found) == "<2 modes: 0, 12.35 Hz>"
 
 
 def test_surfaces_and_tracked_points_say_how_many_they_are():

@@ -118,11 +118,8 @@ def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
 
     Raise ValueError for data of a later version, or data that no run could have stored.
     """
-    values = dict(checks.mapping("the run's options", values))
-    if "route" in values:  # the option's name in version 0.1
-        values["force_algorithm"] = values.pop("route")
-    values |= changes
-    pictures = checks.mapping("the run's pictures", values.pop("pictures", {}))
+    values = _renamed(checks.mapping("the run's options", values)) | changes
+    pictures = _renamed(checks.mapping("the run's pictures", values.pop("pictures", {})))
     own, drawn = get_type_hints(Options), get_type_hints(Pictures)
     if unknown := (values.keys() - own.keys()) | (pictures.keys() - drawn.keys()):
         raise ValueError(f"the run's options are those of a later version of msdwarp: {sorted(unknown)}")
@@ -133,6 +130,11 @@ def restored_options(values: Mapping[str, Any], **changes: Any) -> Options:
     out = values.pop("out", None)
     drawing: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in pictures.items()}
     return Options(**values, out=out and Path(out), pictures=Pictures(**drawing))
+
+
+def _renamed(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options by their present names: of version 0.1 `route` has another, of 0.2 `colour`."""
+    return {{"route": "force_algorithm", "colour": "color"}.get(name, name): one for name, one in options.items()}
 
 
 def fits(value: Any, kind: Any) -> bool:

@@ -181,13 +181,13 @@ def test_a_shell_completes_commands_flags_and_scenes(tmp_path):
 
 @pytest.mark.slow
 def test_runs_of_an_earlier_version_go_on_and_are_made_again(msdwarp, tmp_path):
-    # Its stored options lacked flags of today, and its log was an absolute path.
+    # Its stored options lacked flags of today or had other names (route, colour); its log was an absolute path.
     from msdwarp.cli import options
 
     old = json.loads(
-        """{"device": "cpu", "precision": null, "force_algorithm": "auto", "integrator": null, "substeps": "auto",
+        """{"device": "cpu", "precision": null, "route": "auto", "integrator": null, "substeps": "auto",
         "allow_unstable": false, "tolerance": null, "duration": 0.1, "fps": 60.0, "out": "parts", "pictures":
-        {"frames": "none", "video": "none", "overlay": null, "resolution": "1280x720", "color": null},
+        {"frames": "none", "video": "none", "overlay": null, "resolution": "1280x720", "colour": null},
         "trajectory": "plain", "every": 1, "strain": true, "restart": 60.0, "force": false, "quiet": false,
         "verbose": false}"""
     ) | {"log": str(tmp_path / "e.csv")}

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from msdwarp import Plane, Simulation, SymplecticEuler, System, ball, box, match_stiffness, stability_limit
+from msdwarp import (
+    RUBBER,
+    Plane,
+    Simulation,
+    SymplecticEuler,
+    System,
+    ball,
+    box,
+    match_stiffness,
+    rod,
+    stability_limit,
+)
 
 FOAM = box((8, 5, 4), 0.08, mass=0.01, stiffness=500.0, damping=3.0)
 
@@ -27,6 +38,18 @@ def test_it_has_the_step_of_the_other(mass):
 def test_heavier_is_stiffer_in_proportion():
     light, dense = (match_stiffness(heavy(mass), FOAM) for mass in (0.1, 0.4))
     np.testing.assert_allclose(dense.stiffness, 4 * light.stiffness, rtol=1e-12)
+
+
+def test_a_rod_is_stiffer_in_bending_by_as_much():
+    soft = rod(9, 0.1, radius=0.02, material=RUBBER)
+    stiff = match_stiffness(soft, FOAM)
+    for name in ("stiffness", "damping"):
+        stretch = getattr(stiff, name) / getattr(soft, name)
+        bending = getattr(stiff.angles, name) / getattr(soft.angles, name)
+        np.testing.assert_allclose(bending, stretch[0], rtol=1e-12)
+    # Bounds are linear in the stiffness and in the damping of both: rounding alone.
+    limits = [stability_limit(one, SymplecticEuler()) for one in (stiff, FOAM)]
+    assert limits[0] == pytest.approx(limits[1], rel=1e-12)
 
 
 @pytest.mark.slow
