@@ -23,17 +23,14 @@ from ..springs.force_algorithms import forces_of
 from ..springs.fracture import Fracture
 from ..springs.spring_constants_by_world import ensemble_forces
 from .assemble import Assembly
-from .cpu_partition import CpuPartition, repeat, threads_for
+from .cpu_partition import CpuPartition, threads_for
 from .pace import Pace
 from .per_stage import PerStage, column_count, of_each_world
 from .persistent import launch_persistent
+from .repetition import ON_CPU, ON_GPU, repeat, repetitions
 from .stages import Stage, StageArrays
 from .world_differences import differences, fill_world_data, threads_at_a_time
 
-DIFFERENT = 2
-"""The first substeps of a frame differ from the others; so does the last one."""
-REPEATED_ON_GPU = 16
-"""Substeps that a GPU repeats; a multiple of the number between two decisions whether to search for contact."""
 MOST_SELECTIVE = 8
 """Number of bits in the mask of the selective effects that act on a particle."""
 MOST_IN_SECOND_PASS = 0.25
@@ -355,14 +352,13 @@ class Dynamics:
     def repeated(self) -> int:
         """How many substeps, all of the same launches, are recorded once and repeated by the device; 0: none.
 
-        Recording one takes a CPU 1 ms. So it does for bodies in contact on a GPU, which repeats many at a time,
-        since a repetition takes 10 µs; without contact a substep has one or two launches there.
+        On a GPU only those of bodies in contact are, since others have one or two launches.
         """
         if self.composition.timed or any(one.numbers_substeps for one in self.assembly.all):
             return 0
-        if self.model.device.is_cuda:
-            return REPEATED_ON_GPU if self.assembly.body_contact is not None else 0
-        return 2
+        if self.model.device.is_cuda and self.assembly.body_contact is None:
+            return 0
+        return ON_GPU if self.model.device.is_cuda else ON_CPU
 
     def repeat(self, times: int, launch: Callable[[], None]) -> None:
         """Call `launch`; the device repeats its launches this many times, at least once."""
@@ -399,9 +395,3 @@ class Dynamics:
     def launches_before_forces(self) -> bool:
         """Whether any effect launches something before forces."""
         return bool(self._preceding)
-
-
-def repetitions(substeps: int, repeated: int) -> int:
-    """Return how often the device repeats so many substeps of a frame; 0 if not more than once."""
-    times = (substeps - DIFFERENT - 1) // repeated if repeated else 0
-    return times if times > 1 else 0

@@ -13,8 +13,9 @@ from ...kernels.integrators.persistent import MOST_THREADS
 from ..model.state import State
 from ..springs.linearised import note_products
 from .contact_launch import ContactLaunch, contact_launch
-from .dynamics import DIFFERENT, Dynamics, repetitions
+from .dynamics import Dynamics
 from .persistent import CLUSTER, launch_persistent, persistent_blocks
+from .repetition import DIFFERENT, repetitions
 from .shared_memory import Chip, on_chip
 from .stages import Solve, Stage
 from .substep import take_substep
