@@ -29,6 +29,7 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
         (lambda: msd.Look(colour="#d9603b"), "Did you mean color?"),  # type: ignore[call-arg]
         (lambda: msd.Look(lens=3), "'lens'; it takes color, inside, texture, smooth"),  # type: ignore[call-arg]
         (lambda: msd.Ensemble(BODY, 2, restitution=[0, 1]), "Did you mean worlds, which may differ in stiffness,"),  # type: ignore[call-arg]
+        (lambda: msd.Ensemble(BODY, 2, amplitude=[0, 1]), "Did you mean strain, a function of time, such as"),  # type: ignore[call-arg]
         (lambda: msd.Renderer(None, None, colouring=""), "Did you mean coloring?"),  # type: ignore
         (lambda: msd.Simulation(BODY, dt=0.01), "Did you mean substeps, the steps of a frame"),  # type: ignore[call-arg]
         (
@@ -52,6 +53,7 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
         "look",
         "listed",
         "worlds",
+        "gait",
         "renderer",
         "step",
         "method",

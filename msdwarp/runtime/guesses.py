@@ -18,9 +18,10 @@ _STEP = "substeps, the steps of a frame (by default as many as are stable), and 
 _LOOK = "Look(azimuth=..., elevation=..., distance=...)"
 _WINDOW = "msdwarp.view(scene), or msdwarp.film(scene, path)"
 _WORLDS = (
-    "worlds, which may differ in stiffness, damping, rest_length, mass, position, velocity, gravity and "
-    "friction alone"
+    "worlds, which may differ in stiffness, damping, rest_length, mass, position, velocity, gravity, friction, "
+    "and strain and delay of actuators, alone"
 )
+_GAIT = "strain, a function of time, such as lambda t: amplitude * np.sin(2 * np.pi * frequency * t + phase)"
 _ALL = "measure(), which returns kinetic_energy, elastic_energy and more"
 KEYWORDS = {
     "stiffness": "k ke ks spring_constant spring_stiffness",
@@ -58,7 +59,8 @@ KEYWORDS = {
     "break_force": "max_force strength breaking_force tear_force",
     "distance": "zoom camera_distance",
     "azimuth, elevation, distance and target": "camera view viewpoint",
-    _WORLDS: "strain actuators density youngs_modulus poissons_ratio restitution damping_ratio break_strain",
+    _GAIT: "amplitude frequency phase gait actuation actuators",
+    _WORLDS: "density youngs_modulus poissons_ratio restitution damping_ratio break_strain",
 }
 """What an unknown keyword may mean: a parameter, perhaps with more words, and the guesses that lead to it.
 
