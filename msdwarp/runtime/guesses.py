@@ -97,6 +97,9 @@ NAMES: dict[str, dict[str, str]] = {
         "cylinder, which is a body, or Capsule, an obstacle": "Cylinder",
         "Plane, Sphere, Box, Capsule or Cone": "obstacle createCollisionShape shape",
         "Probe": "Sensor ForceSensor LoadCell site",
+        'Probe([i, j], "tension"), in the argument probes of Scene and Simulation': (
+            "tension spring_force spring_forces spring_tension"
+        ),
         _LOOK: "camera light",
         "Scene": "World Environment Stage",
         "Actuator": "motor Muscle",
@@ -184,11 +187,13 @@ NAMES: dict[str, dict[str, str]] = {
         "readings, of the argument probes": "probe probes sensor sensors",
         "snapshot().broken_at": "broken broken_at",
         "snapshot().strain": "strain strains",
-        'readings, of a Probe(group, "force")': "forces force tension spring_forces",
+        'readings, of a Probe([i, j], "tension") or Probe(group, "force")': (
+            "tension tensions spring_force spring_forces forces force axial_force"
+        ),
     },
     "Ensemble": {
         "run(seconds, observe={...}), which observes probes and energies by world": (
-            "readings measure probe probes energy kinetic_energy elastic_energy"
+            "readings measure probe probes tension force forces energy kinetic_energy elastic_energy"
         ),
         "frame().position": "x points qpos",
         "system_of(world), or simulation_of(world)": "snapshot system systems simulation world",

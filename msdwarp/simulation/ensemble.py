@@ -214,12 +214,12 @@ class Ensemble(Present):
         duration
             Simulated time [s].
         observe
-            Quantities to observe, by name: a `Probe` of positions, velocities, forces, strains or stresses, or a
-            `GroupMean` of a `wp.func`, summed on the device; "energy", "kinetic energy", "elastic energy" or
-            "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a function of
-            positions and velocities, of shape [worlds, particle_count, d] each, that returns an array with the
-            worlds along its first axis. By default the scene's `observe`, else position and velocity of the centre
-            of mass.
+            Quantities to observe, by name: a `Probe` of positions, velocities, forces, strains, tensions or
+            stresses, or a `GroupMean` of a `wp.func`, summed on the device; "energy", "kinetic energy", "elastic
+            energy" or "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a
+            function of positions and velocities, of shape [worlds, particle_count, d] each, that returns an array
+            with the worlds along its first axis. By default the scene's `observe`, else position and velocity of
+            the centre of mass.
         every
             Observe at the start, and then every Nth frame.
 

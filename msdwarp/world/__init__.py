@@ -20,6 +20,7 @@ from .probes import (
     STRAIN,
     STRESS,
     SUBSTEP,
+    TENSION,
     UNITS,
     VELOCITY,
     WRENCH,
