@@ -45,7 +45,6 @@ KEYWORDS = {
     "precision": "dtype",
     "device": "arch backend gpu",
     "duration": "seconds time t_end length steps",
-    "seconds": "duration time length",
     "position": "center centre pos origin location translation",
     "displacement": "xyz offset shift vector by",
     "size": "x_length lengths half_extents extents bounds",
@@ -165,13 +164,13 @@ NAMES: dict[str, dict[str, str]] = {
         "replace(loads=[...])": "add_force add_load",
     },
     "Simulation": {
-        "step(frames), or frames(seconds), which yields them": (
+        "step(frames), or frames(duration), which yields them": (
             "run advance simulate forward play integrate stepSimulation mj_step"
         ),
         "frame().position": "position x points qpos",
         "frame().velocity": "velocity velocities v qvel",
         _ALL: "energy kinetic_energy potential_energy elastic_energy total_energy momentum get_energy",
-        "msdwarp.film(simulation, path, seconds=...)": "film record video animate movie render",
+        "msdwarp.film(simulation, path, duration=...)": "film record video animate movie render",
         "msdwarp.view(scene), msdwarp.show or msdwarp.Renderer": "view show plot draw image",
         "snapshot(), which returns a System": "get_state body copy particles",
         "msdwarp.run, which stores all, or msdwarp.TrajectoryWriter": "save write export dump",
@@ -192,7 +191,7 @@ NAMES: dict[str, dict[str, str]] = {
         ),
     },
     "Ensemble": {
-        "run(seconds, observe={...}), which observes probes and energies by world": (
+        "run(duration, observe={...}), which observes probes and energies by world": (
             "readings measure probe probes tension force forces energy kinetic_energy elastic_energy"
         ),
         "frame().position": "x points qpos",
