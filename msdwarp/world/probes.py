@@ -1,6 +1,7 @@
 """Probes: measurements during a run, as by a tracker or a load cell.
 
-`engine/diagnostics/probes.py` evaluates probes, with the sums in `kernels/reductions/probes.py`.
+`engine/diagnostics/probes.py` evaluates them, with the sums in `probes.py` and `spring_probes.py` of
+`kernels/reductions`.
 """
 
 from collections.abc import Mapping, Sequence

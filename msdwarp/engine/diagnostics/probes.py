@@ -15,13 +15,12 @@ from ...kernels.reductions.measure import fold
 from ...kernels.reductions.probes import (
     Sum,
     mean_of_function,
-    spring_sums,
     sum_cell_stress,
     sum_members,
     sum_of_group,
-    sum_tensions,
     wrench_on_obstacle,
 )
+from ...kernels.reductions.spring_probes import COUNT, LARGEST, SUM, spring_sums, sum_tensions
 from ...world import (
     BODY_CONTACT_FORCE,
     CONTACT_FORCE,
@@ -175,7 +174,7 @@ class _Sum:
         self.name, self.what, self._first, self._model = name, probe.what, first, model
         member = np.flatnonzero(probe.particles(model.system))
         weight, self._mass = _weights(self.what, model.row_of("mass")[:, member])
-        fields = {"weight": wp.array(weight, dtype=wp.float64, device=model.device)}
+        fields: dict[str, Any] = {"weight": wp.array(weight, dtype=wp.float64, device=model.device)}
         wide = self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE)
         of = sum_of_group(model.dim, vector(model.dim, wp.float64) if wide else model.vector)
         fields["member"] = wp.array(member, dtype=int, device=model.device)
@@ -230,10 +229,10 @@ class _SpringSum:
         """Return mean and largest value by reading; `rows`: [readings, worlds, rows, columns]."""
         own = rows[..., self._first : self._first + self.width]
         total = own.sum(axis=2)
-        count = total[..., probes.COUNT]
+        count = total[..., COUNT]
         known = np.where(count > 0, count, np.nan)  # NaN if all connections are broken
-        largest = np.where(count > 0, own[..., probes.LARGEST].max(axis=2), np.nan)
-        result = np.stack([total[..., probes.SUM] / known, largest], axis=-1)
+        largest = np.where(count > 0, own[..., LARGEST].max(axis=2), np.nan)
+        result = np.stack([total[..., SUM] / known, largest], axis=-1)
         return result if self._model.in_worlds else result[:, 0]
 
 
