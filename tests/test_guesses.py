@@ -29,6 +29,11 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
         (lambda: msd.Look(colour="#d9603b"), "Did you mean color?"),  # type: ignore[call-arg]
         (lambda: msd.Look(lens=3), "'lens'; it takes color, inside, texture, smooth"),  # type: ignore[call-arg]
         (lambda: msd.Ensemble(BODY, 2, restitution=[0, 1]), "Did you mean worlds, which may differ in stiffness,"),  # type: ignore[call-arg]
+        (lambda: msd.Ensemble(BODY, 2, amplitude=[0, 1]), "Did you mean strain, a function of time, such as"),  # type: ignore[call-arg]
+        (
+            lambda: msd.film(SIMULATION, "a.webp", seconds=2.0),
+            "keyword argument 'seconds'. Did you mean duration?",
+        ),  # type: ignore[call-arg]
         (lambda: msd.Renderer(None, None, colouring=""), "Did you mean coloring?"),  # type: ignore
         (lambda: msd.Simulation(BODY, dt=0.01), "Did you mean substeps, the steps of a frame"),  # type: ignore[call-arg]
         (
@@ -52,6 +57,8 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
         "look",
         "listed",
         "worlds",
+        "gait",
+        "film",
         "renderer",
         "step",
         "method",
@@ -79,6 +86,8 @@ def test_keywords_lead_to_parameters(call, told):
         (BODY, "masss", "Did you mean mass?"),
         (SIMULATION, "run", "Did you mean step(frames)"),
         (SIMULATION, "probe", "Did you mean readings, of the argument probes?"),
+        (SIMULATION, "tension", 'Did you mean readings, of a Probe([i, j], "tension")'),
+        (msd, "spring_force", 'Did you mean Probe([i, j], "tension")'),
     ],
 )
 def test_attributes_lead_to_names(of, name, told):

@@ -60,7 +60,7 @@ def test_a_stiffness_is_found_again(tmp_path):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_gradients_throw_find_and_teach(tmp_path):
-    shorter = {"iterations=60": "iterations=8", "range(60)": "range(8)", "seconds=2.7": "seconds=0.5"}
+    shorter = {"iterations=60": "iterations=8", "range(60)": "range(8)", "duration=2.7": "duration=0.5"}
     outputs = executed("gradients.ipynb", tmp_path, **shorter)
     assert (shown(outputs, "image/png"), shown(outputs, "text/html")) == (3, 1)
     found = text(outputs)

@@ -180,6 +180,7 @@ def test_the_examples_of_ensembles_run(tmp_path, monkeypatch, capsys):
     assert names["position"].shape == (200, 27, 3)
     assert names["results"].sizes["frame"] == 4
     assert (tmp_path / "worlds.nc").exists()
+    assert names["moved"].max() > 0.25  # 0.33 m here; another number of substeps changes that by 1 mm
 
 
 @pytest.mark.slow

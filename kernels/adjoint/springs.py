@@ -106,7 +106,7 @@ class Neighbours(NamedTuple):
     owns: Any
     """wp.func (table, i, slot, c) -> whether particle i writes the derivatives by entry c."""
     strain_of: Any = None
-    """wp.func (table, stage, slot) -> the strain of an actuator; None without actuators."""
+    """wp.func (table, stage, i, slot) -> the strain of an actuator; None without actuators."""
 
 
 @functools.cache
@@ -126,6 +126,7 @@ def in_table(scalar: type, laws: Laws, in_worlds: bool) -> Neighbours:
         connection: wp.array(dtype=int)
         connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
         column: wp.array(dtype=int)  # of `strain` for each connection, −1 without an actuator
+        columns: int  # of a world; world w has those from w · columns on, mod the number of all
         strain: wp.array2d(dtype=scalar)  # of actuators, in each stage of a frame
         particle_count: int
         stride: int
@@ -179,10 +180,12 @@ def in_table(scalar: type, laws: Laws, in_worlds: bool) -> Neighbours:
         return table.connections[table.connection[slot]][0] == i - world_of(table, i) * table.stride
 
     @wp.func
-    def strain_of(table: Table, stage: int, slot: int) -> scalar:
+    def strain_of(table: Table, stage: int, i: int, slot: int) -> scalar:
         s = scalar(0.0)
         column = table.column[table.connection[slot]]
         if column >= 0:
+            if wp.static(in_worlds):
+                column += world_of(table, i) * table.columns % table.strain.shape[1]
             s = table.strain[stage, column]
         return s
 
@@ -297,7 +300,7 @@ def springs_adjoint(
                     dv = v_i - velocity(v, j)
                     s = scalar(0.0)
                     if wp.static(actuated):
-                        s = strain_of(table, stage, slot)
+                        s = strain_of(table, stage, i, slot)
                     dx = x_i - load(x, j)
                     psi = phi_i - load(phi, j)
                     if wp.static(laws.linear):

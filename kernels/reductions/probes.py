@@ -11,9 +11,6 @@ from ..springs.cell_geometry import cell_geometry
 from ..springs.cell_volumes import volume_law
 from .measure import difference
 
-SUM, LARGEST, COUNT = 0, 1, 2
-"""Columns of the sum of strains: sum of strains, largest absolute strain, number of connections."""
-STRAIN_COLUMNS = 3
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))}
 """Components of a symmetric tensor, by dimension: xx, yy, zz, xy, xz, yz."""
 
@@ -235,61 +232,6 @@ def wrench_on_obstacle(dim: int, scalar: type, kinds: tuple[str, ...], moving: b
         return result
 
     return Sum(WrenchData, wrench, dim + moments)
-
-
-@functools.cache
-def spring_sums(dim: int, scalar: type) -> tuple[Sum, Sum]:
-    """Return the sums of strains of chosen unbroken connections, and of weight · tension · length · n nᵀ."""
-    V, components, separation = vector(dim, scalar), COMPONENTS[dim], difference(dim, scalar)
-    Stress = wp.types.vector(len(components), wp.float64)
-
-    @wp.struct
-    class SpringData:
-        # Model, row w mod (number of rows) for world w:
-        rest_length: wp.array2d(dtype=scalar)  # [m], shape [rows, connection_count]
-        stiffness: wp.array2d(dtype=scalar)  # [N/m], shape [rows, connection_count]
-        damping: wp.array2d(dtype=scalar)  # in the units of the law, shape [rows, connection_count]
-        # The same in all worlds:
-        connections: wp.array(dtype=wp.vec2i)  # two particles each, shape [connection_count]
-        tears: int  # whether connections without stiffness and damping are broken
-        member: wp.array(dtype=int)  # indices of the chosen connections
-        weight: wp.array(dtype=wp.float64)  # fraction of each chosen connection that is counted in the stress
-        # State, of all worlds:
-        value: wp.array(dtype=V)  # positions [m]
-        lost: wp.array(dtype=V)  # compensation of positions [m], or empty
-        stride: int  # particles from one world to the next
-
-    @wp.func
-    def apart(data: SpringData, w: int, c: int) -> wp.vec3d:
-        start = w * data.stride
-        return separation(data.value, data.lost, start + data.connections[c][0], start + data.connections[c][1])
-
-    @wp.func
-    def strain(data: SpringData, w: int, m: int) -> wp.vec3d:
-        c = data.member[m]
-        if data.tears != 0:
-            stiff = data.stiffness[w % data.stiffness.shape[0], c] != scalar(0.0)
-            if not (stiff or data.damping[w % data.damping.shape[0], c] != scalar(0.0)):
-                return wp.vec3d()
-        rest = wp.float64(data.rest_length[w % data.rest_length.shape[0], c])
-        strain = wp.length(apart(data, w, c)) / rest - wp.float64(1.0)
-        return wp.vec3d(strain, wp.abs(strain), wp.float64(1.0))
-
-    @fully_hashed
-    def virial(data: SpringData, w: int, m: int) -> Stress:
-        c = data.member[m]
-        dx = apart(data, w, c)
-        length = wp.length(dx)
-        rest = wp.float64(data.rest_length[w % data.rest_length.shape[0], c])
-        density = wp.float64(data.stiffness[w % data.stiffness.shape[0], c]) * (length - rest) * data.weight[m]
-        if length > wp.float64(0.0):
-            density /= length
-        result = Stress()
-        for k in range(wp.static(len(components))):
-            result[k] = density * (dx[wp.static(components[k][0])] * dx[wp.static(components[k][1])])
-        return result
-
-    return Sum(SpringData, strain, STRAIN_COLUMNS, LARGEST), Sum(SpringData, virial, len(components))
 
 
 @functools.cache

@@ -44,7 +44,7 @@ TURNED = """<img id="{name}" src="data:image/webp;base64,{first}" style="cursor:
 def show(
     shown: Simulation | Scene | Trajectory | str | Path,
     *,
-    seconds: float | None = None,
+    duration: float | None = None,
     resolution: tuple[int, int] = (640, 360),
     coloring: str | None = None,
 ) -> None:
@@ -54,7 +54,7 @@ def show(
     ----------
     shown
         A trajectory or its file, shown as a film; or a scene or a simulation, which is simulated and shown.
-    seconds
+    duration
         Simulated time [s]. By default a scene is simulated for its duration, and the current state of a simulation
         is shown as a still.
     resolution
@@ -78,7 +78,7 @@ def show(
     if get_ipython() is None:
         raise RuntimeError("show draws in a notebook, and here is none; msdwarp.view shows a scene in a window")
     resolution = picture_size(resolution)
-    if isinstance(shown, Simulation) and seconds is None:
+    if isinstance(shown, Simulation) and duration is None:
         scene = replace(scene_of(shown)[1], system=shown.snapshot())  # without what has torn
         display.display(display.HTML(_still(scene, scene.system.position, shown.time, resolution, coloring)))
         return
@@ -89,7 +89,7 @@ def show(
             bar.update(display.HTML(f'{doing} <progress max="{count}" value="{done}"></progress>'))
 
     with tempfile.TemporaryDirectory() as folder:
-        played = _played(shown, None, seconds, progress)
+        played = _played(shown, None, duration, progress)
         path = _written(played, Path(folder) / "film.webp", None, resolution, coloring, progress)
         encoded = base64.b64encode(path.read_bytes()).decode()
     bar.update(display.HTML(f'<img src="data:image/webp;base64,{encoded}">'))
@@ -100,7 +100,7 @@ def film(
     path: str | Path,
     *,
     scene: Scene | None = None,
-    seconds: float | None = None,
+    duration: float | None = None,
     fps: float | None = None,
     resolution: tuple[int, int] = (1280, 720),
     coloring: str | None = None,
@@ -118,7 +118,7 @@ def film(
         The film: "fall.mp4", "fall.webp" or "fall.gif". MP4 needs `pip install 'msdwarp[video]'`.
     scene
         The scene of frames, whose look and obstacles are drawn.
-    seconds
+    duration
         Simulated time [s]; for a scene by default its duration.
     fps
         Pictures a second; by default those of simulated time, for real time.
@@ -146,7 +146,7 @@ def film(
         checks.positive("fps", fps)
     resolution = picture_size(resolution)
     writable_folder("path", path.parent, path.parent)
-    return _written(_played(shown, scene, seconds, _silent), path, fps, resolution, coloring, _silent)
+    return _written(_played(shown, scene, duration, _silent), path, fps, resolution, coloring, _silent)
 
 
 def _silent(doing: str, done: int, count: int) -> None:
@@ -166,13 +166,13 @@ class _Played(NamedTuple):
     """Frames per second of simulated time."""
 
 
-def _played(shown: Any, scene: Scene | None, seconds: float | None, progress: Progress) -> _Played:
+def _played(shown: Any, scene: Scene | None, duration: float | None, progress: Progress) -> _Played:
     """Return what a film shows, simulated if need be; raise ValueError if that is nothing."""
-    if seconds is not None:
-        checks.positive("seconds", seconds)
+    if duration is not None:
+        checks.positive("duration", duration)
     simulates = isinstance(shown, Scene | Simulation)
-    if not simulates and seconds is not None:
-        raise ValueError(f"seconds is {seconds:g}; it must be None where nothing is simulated")
+    if not simulates and duration is not None:
+        raise ValueError(f"duration is {duration:g}; it must be None where nothing is simulated")
     if isinstance(shown, Iterable) and not isinstance(shown, str | Trajectory):
         frames = checks.sequence("shown", shown, Frame, "simulation.frame()")
         checks.instance("scene", scene, Scene, "the one that was simulated, to draw frames")
@@ -185,7 +185,7 @@ def _played(shown: Any, scene: Scene | None, seconds: float | None, progress: Pr
     if scene is not None:
         raise ValueError("scene is given; it must be None where it is known, as it is not of a list of frames")
     if isinstance(shown, Scene):
-        seconds, scene = shown.duration if seconds is None else seconds, shown
+        duration, scene = shown.duration if duration is None else duration, shown
         shown = Simulation.from_scene(shown)
     else:
         shown, scene = scene_of(shown)
@@ -193,10 +193,10 @@ def _played(shown: Any, scene: Scene | None, seconds: float | None, progress: Pr
         if scene.system.tears:
             scene = replace(scene, system=scene.system.replace(broken_at=shown.broken_at))
         return _Played(scene, shown.positions, list(shown.times), shown.fps)  # pyright: ignore[reportArgumentType]
-    if seconds is None:
-        raise ValueError("seconds is None; a simulation keeps no frames, so it must be how long to go on [s]")
+    if duration is None:
+        raise ValueError("duration is None; a simulation keeps no frames, so it must be how long to go on [s]")
     positions, times, fps = list[NDArray](), list[float](), shown.fps
-    count = max(1, round(seconds * fps))
+    count = max(1, round(duration * fps))
     # The first frame is the current one.
     for k, frame in zip(range(count), shown.frames(count / fps), strict=False):
         progress("simulating", k, count)

@@ -18,9 +18,10 @@ _STEP = "substeps, the steps of a frame (by default as many as are stable), and 
 _LOOK = "Look(azimuth=..., elevation=..., distance=...)"
 _WINDOW = "msdwarp.view(scene), or msdwarp.film(scene, path)"
 _WORLDS = (
-    "worlds, which may differ in stiffness, damping, rest_length, mass, position, velocity, gravity and "
-    "friction alone"
+    "worlds, which may differ in stiffness, damping, rest_length, mass, position, velocity, gravity, friction, "
+    "and strain and delay of actuators, alone"
 )
+_GAIT = "strain, a function of time, such as lambda t: amplitude * np.sin(2 * np.pi * frequency * t + phase)"
 _ALL = "measure(), which returns kinetic_energy, elastic_energy and more"
 KEYWORDS = {
     "stiffness": "k ke ks spring_constant spring_stiffness",
@@ -44,7 +45,6 @@ KEYWORDS = {
     "precision": "dtype",
     "device": "arch backend gpu",
     "duration": "seconds time t_end length steps",
-    "seconds": "duration time length",
     "position": "center centre pos origin location translation",
     "displacement": "xyz offset shift vector by",
     "size": "x_length lengths half_extents extents bounds",
@@ -58,7 +58,8 @@ KEYWORDS = {
     "break_force": "max_force strength breaking_force tear_force",
     "distance": "zoom camera_distance",
     "azimuth, elevation, distance and target": "camera view viewpoint",
-    _WORLDS: "strain actuators density youngs_modulus poissons_ratio restitution damping_ratio break_strain",
+    _GAIT: "amplitude frequency phase gait actuation actuators",
+    _WORLDS: "density youngs_modulus poissons_ratio restitution damping_ratio break_strain",
 }
 """What an unknown keyword may mean: a parameter, perhaps with more words, and the guesses that lead to it.
 
@@ -95,6 +96,9 @@ NAMES: dict[str, dict[str, str]] = {
         "cylinder, which is a body, or Capsule, an obstacle": "Cylinder",
         "Plane, Sphere, Box, Capsule or Cone": "obstacle createCollisionShape shape",
         "Probe": "Sensor ForceSensor LoadCell site",
+        'Probe([i, j], "tension"), in the argument probes of Scene and Simulation': (
+            "tension spring_force spring_forces spring_tension"
+        ),
         _LOOK: "camera light",
         "Scene": "World Environment Stage",
         "Actuator": "motor Muscle",
@@ -160,13 +164,13 @@ NAMES: dict[str, dict[str, str]] = {
         "replace(loads=[...])": "add_force add_load",
     },
     "Simulation": {
-        "step(frames), or frames(seconds), which yields them": (
+        "step(frames), or frames(duration), which yields them": (
             "run advance simulate forward play integrate stepSimulation mj_step"
         ),
         "frame().position": "position x points qpos",
         "frame().velocity": "velocity velocities v qvel",
         _ALL: "energy kinetic_energy potential_energy elastic_energy total_energy momentum get_energy",
-        "msdwarp.film(simulation, path, seconds=...)": "film record video animate movie render",
+        "msdwarp.film(simulation, path, duration=...)": "film record video animate movie render",
         "msdwarp.view(scene), msdwarp.show or msdwarp.Renderer": "view show plot draw image",
         "snapshot(), which returns a System": "get_state body copy particles",
         "msdwarp.run, which stores all, or msdwarp.TrajectoryWriter": "save write export dump",
@@ -182,11 +186,13 @@ NAMES: dict[str, dict[str, str]] = {
         "readings, of the argument probes": "probe probes sensor sensors",
         "snapshot().broken_at": "broken broken_at",
         "snapshot().strain": "strain strains",
-        'readings, of a Probe(group, "force")': "forces force tension spring_forces",
+        'readings, of a Probe([i, j], "tension") or Probe(group, "force")': (
+            "tension tensions spring_force spring_forces forces force axial_force"
+        ),
     },
     "Ensemble": {
-        "run(seconds, observe={...}), which observes probes and energies by world": (
-            "readings measure probe probes energy kinetic_energy elastic_energy"
+        "run(duration, observe={...}), which observes probes and energies by world": (
+            "readings measure probe probes tension force forces energy kinetic_energy elastic_energy"
         ),
         "frame().position": "x points qpos",
         "system_of(world), or simulation_of(world)": "snapshot system systems simulation world",

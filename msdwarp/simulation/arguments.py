@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import LIMITS, System
 from ..integrators import MOST_SUBSTEPS
-from ..world import Change, Load, Problem
+from ..world import Actuator, Change, Load, Problem, StrainRows
 
 GRAVITY = 9.82
 """The default of `gravity`, that object itself: beside a scene none may be given."""
@@ -17,7 +17,7 @@ MOST_FRAMES = 10**9
 """Maximal number of frames of a run."""
 
 NOT_NEGATIVE: checks.Limit = (lambda v: v >= 0, "at least 0")
-MORE_LIMITS = {"friction": (checks.FINITE, NOT_NEGATIVE), "gravity": (checks.FINITE,)}
+MORE_LIMITS = {"friction": (checks.FINITE, NOT_NEGATIVE)} | dict.fromkeys(("gravity", "delay"), (checks.FINITE,))
 """Checks of parameters that are not fields of `System`."""
 
 
@@ -83,23 +83,34 @@ def in_order(schedule: Sequence[Change], system: System, loads: Sequence[Load]) 
     return changes
 
 
-def parameter_rows(
-    system: System, collider_count: int, worlds: int, given: Mapping[str, Any]
-) -> dict[str, NDArray[np.float64]]:
+def parameter_rows(problem: Problem, system: System, worlds: int, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the rows of each parameter for `Model`; raise ValueError for a wrong shape, length or value."""
-    n, d = system.particle_count, system.dim
+    n, d, collider_count = system.particle_count, system.dim, len(problem.colliders)
+    actuators = sum(isinstance(one, Actuator) for one in problem.loads)
     shapes: dict[str, tuple[int, ...]] = {"mass": (n,), "position": (n, d), "velocity": (n, d)}
-    shapes |= {"friction": (collider_count,), "gravity": (d,)}
+    shapes |= {"friction": (collider_count,), "gravity": (d,), "delay": (actuators, n)}
     shapes |= dict.fromkeys(("rest_length", "stiffness", "damping"), (system.connection_count,))
-    rows = {}
+    rows: dict[str, Any] = {}
     for name, value in given.items():
         if value is None:
             continue
-        values = _in_rows(name, checks.array(name, value), shapes[name])
+        if name in ("strain", "delay") and not actuators:
+            raise ValueError(f"{name} is given; there must be an Actuator among the loads then")
+        if name == "friction" and not collider_count:
+            raise ValueError("friction is given; there must be colliders then")
+        if name == "strain":
+            values: Any = StrainRows(value, actuators)
+        else:
+            values = _in_rows(name, checks.array(name, value), shapes[name])
+            checks.within(name, values, *(LIMITS | MORE_LIMITS)[name])
         if worlds % len(values):
             raise ValueError(f"{name} has {len(values)} rows; that must divide the number of worlds, {worlds}")
-        checks.within(name, values, *(LIMITS | MORE_LIMITS)[name])
         rows[name] = values
+    if "delay" in rows and "strain" in rows:
+        raise ValueError(
+            "delay is given beside strain; only one of them may be: a strain that is a function of time has the "
+            "delays of worlds in itself"
+        )
     if "velocity" in rows:
         mass = rows.get("mass", system.mass[None])
         rows["velocity"] = _without_pinned(rows["velocity"], mass, np.ndim(given["velocity"]) == 2)
@@ -118,6 +129,9 @@ def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> 
     elif name == "velocity":
         allowed = f"[rows, {shape[-1]}] or "
         given = values[:, None, :] if short else values
+    elif name == "delay":
+        allowed = f"[rows], [rows, {shape[0]}] or "
+        given = values if values.ndim == 3 else values.reshape(*values.shape, *(1,) * (3 - values.ndim))
     elif name != "position":
         allowed = "[rows] or "
         given = values[:, None] if short else values

@@ -16,7 +16,7 @@ from ..bodies import System
 from ..engine import WorldStatus, assemble_worlds
 from ..integrators import SAFETY, Integrator
 from ..runtime import calling, exclusive, in_turn
-from ..world import POSITION, VELOCITY, Collider, Contact, Gravity, Load, Probe, Problem, Scene
+from ..world import POSITION, VELOCITY, Actuator, Collider, Contact, Gravity, Load, Probe, Problem, Scene
 from .arguments import frame_count, parameter_rows, problem_of
 from .checkpoint import saved_drives, saved_system, saved_worlds
 from .divergence_error import SimulationDiverged
@@ -62,6 +62,12 @@ class Ensemble(Present):
         [m/s²], shape [entries] (downwards along the last coordinate) or [entries, d]; or a single number.
     friction
         Friction of the obstacles, shape [entries] (the same for all) or [entries, collider_count].
+    strain
+        Strain of the actuators, in place of their own, in the order of the loads: shape [entries] (the same for
+        all) or [entries, actuator_count]; or a function of time [s] that returns such an array.
+    delay
+        Delay of the actuators [s], in place of their own, where no strain is given: shape [entries],
+        [entries, actuator_count], or [entries, actuator_count, particle_count] for that of each particle.
     colliders, loads
         With a `System`: obstacles, loads, and contact between bodies, the same in all worlds.
     contact, integrator, fps, substeps, safety, allow_unstable, energy_limit, device, precision
@@ -104,6 +110,8 @@ class Ensemble(Present):
         velocity: ArrayLike | None = None,
         gravity: Gravity | ArrayLike | None = None,
         friction: ArrayLike | None = None,
+        strain: Any = None,
+        delay: ArrayLike | None = None,
         colliders: Sequence[Collider] = (),
         loads: Sequence[Load] = (),
         contact: Contact | Sequence[Contact] | None = None,
@@ -138,16 +146,14 @@ class Ensemble(Present):
         alike = {name: value for name, value in given.items() if value is not None and value.ndim == 0}
         base = problem.system.replace(**alike)
         by_world: dict[str, Any] = {name: value for name, value in given.items() if name not in alike}
-        by_world |= {"friction": friction}
+        by_world |= {"friction": friction, "strain": strain, "delay": delay}
         shared: Any = problem.gravity
         if gravity is None or np.ndim(gravity) == 0:  # a function also has ndim 0
             shared = shared if gravity is None else gravity
         else:
             by_world["gravity"] = gravity
             shared = 0.0 if callable(shared) else shared  # else both gravities would act
-        if friction is not None and not problem.colliders:
-            raise ValueError("friction is given; there must be colliders then")
-        self._rows = parameter_rows(base, len(problem.colliders), self.worlds, by_world)
+        self._rows = parameter_rows(problem, base, self.worlds, by_world)
         upload = partial(
             assemble_worlds,
             worlds=self.worlds,
@@ -174,6 +180,17 @@ class Ensemble(Present):
         rows = self._rows[name]
         return rows[world % len(rows)]
 
+    def _loads_of(self, world: int) -> list[Load]:
+        """Return the loads, their actuators with a world's strains or delays."""
+        loads = list[Load](self._run.start.loads)
+        for k, place in enumerate(k for k, one in enumerate(loads) if isinstance(one, Actuator)):
+            if "strain" in self._rows:
+                own = {"strain": self._rows["strain"].of(world % len(self._rows["strain"]), k)}
+            else:
+                own = {"delay": self._parameter_of("delay", world)[k]}
+            loads[place] = replace(loads[place], **own)
+        return loads
+
     @property
     def threads(self) -> int | None:
         """Number of threads that compute all substeps of a world in one launch; None if each stage is a launch."""
@@ -197,12 +214,12 @@ class Ensemble(Present):
         duration
             Simulated time [s].
         observe
-            Quantities to observe, by name: a `Probe` of positions, velocities, forces, strains or stresses, or a
-            `GroupMean` of a `wp.func`, summed on the device; "energy", "kinetic energy", "elastic energy" or
-            "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a function of
-            positions and velocities, of shape [worlds, particle_count, d] each, that returns an array with the
-            worlds along its first axis. By default the scene's `observe`, else position and velocity of the centre
-            of mass.
+            Quantities to observe, by name: a `Probe` of positions, velocities, forces, strains, tensions or
+            stresses, or a `GroupMean` of a `wp.func`, summed on the device; "energy", "kinetic energy", "elastic
+            energy" or "gravitational energy" [J]; "positions" [m] or "velocities" [m/s] of all particles; or a
+            function of positions and velocities, of shape [worlds, particle_count, d] each, that returns an array
+            with the worlds along its first axis. By default the scene's `observe`, else position and velocity of
+            the centre of mass.
         every
             Observe at the start, and then every Nth frame.
 
@@ -235,6 +252,10 @@ class Ensemble(Present):
         for name, rows in self._rows.items():
             if name == "gravity":
                 rows = -rows[:, -1:] if not rows[:, :-1].any() else rows  # downward gravity is one number
+            if name == "strain":
+                rows = rows.first[:, :0] if rows.varies else rows.first
+            elif name == "delay" and (rows == rows[..., :1]).all():
+                rows = rows[..., 0]
             if rows.ndim == 2 and rows.shape[1] and (rows == rows[:, :1]).all():
                 found[name] = rows[each % len(rows), 0]
         return found
@@ -305,6 +326,8 @@ class Ensemble(Present):
         if "friction" in self._rows:
             each, obstacles = self._parameter_of("friction", world).tolist(), list[Any](start_now.colliders)
             around["colliders"] = [replace(one, friction=mu) for one, mu in zip(obstacles, each, strict=True)]
+        if "strain" in self._rows or "delay" in self._rows:
+            around["loads"] = self._loads_of(world)
         around |= {name: options.pop(name) for name in options.keys() & {one.name for one in fields(Problem)}}
         own: dict[str, Any] = {
             "collider_rule": self._collider_rule,

@@ -1,6 +1,6 @@
 """The surroundings of a system: obstacles, loads, scheduled changes (`at`) and looks, combined in a `Scene`."""
 
-from .actuators import Actuator
+from .actuators import Actuator, StrainRows
 from .attachments import Attachment, MouseSpring as MouseSpring
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .contact import Contact
@@ -20,6 +20,7 @@ from .probes import (
     STRAIN,
     STRESS,
     SUBSTEP,
+    TENSION,
     UNITS,
     VELOCITY,
     WRENCH,

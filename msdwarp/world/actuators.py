@@ -73,12 +73,7 @@ class Actuator(Load):
     def at(self, times: NDArray[np.float64], name: str = "strain") -> NDArray[np.float64]:
         """Return the strain at these times, shape [time_count]."""
         given = self.strain if self.varies else checks.array(name, self.strain)
-        values = values_at(name, given, times, 1)[:, 0]
-        wrong = np.abs(values) >= 1
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise ValueError(f"{name} is {values[k]:g} at {times[k]:g} s; it must be above -1 and below 1")
-        return values
+        return _strains_at(name, given, times, 1)[:, 0]
 
     def connections(self, system: System) -> NDArray[np.intp]:
         """Return indices of the muscle's connections; raise ValueError if none, or one may yield or break."""
@@ -114,12 +109,92 @@ class Actuator(Load):
             raise ValueError("on has connections that may break; an actuator would go on pulling where they did")
         return found
 
-    def delays(self, system: System, connections: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return the delay of each of these connections [s], rounded to nanoseconds, shape [any]."""
-        each = checks.broadcast("delay", self.delay, (system.particle_count,))
-        return np.round(each[system.connections[connections]].mean(axis=1), 9)
+    def delays(
+        self, system: System, connections: NDArray[np.intp], rows: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the delay of each of these connections [s], rounded to nanoseconds, shape [rows, any].
+
+        `rows` are delays of the particles to take instead of its own, shape [rows, particle_count].
+        """
+        each = checks.broadcast("delay", self.delay, (system.particle_count,))[None] if rows is None else rows
+        return np.round(each[:, system.connections[connections]].mean(axis=2), 9)
 
     def check(self, system: System) -> None:
         """Raise ValueError if the load cannot act on this system."""
         self.delays(system, self.connections(system))
         self.at(np.zeros(1))
+
+
+class StrainRows:
+    """The strains of all actuators of an ensemble, in rows: world w has row w mod (number of rows).
+
+    Parameters
+    ----------
+    given
+        Numbers, or a function of time [s] that returns them: shape [rows], for all actuators, or
+        [rows, actuator_count]; or one number.
+    actuators
+        Number of actuators.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ from that, or a function has no value at time 0.
+    """
+
+    def __init__(self, given: Any, actuators: int) -> None:
+        self.varies = callable(given)
+        try:
+            first = given(0.0) if self.varies else given
+        except Exception as error:
+            raise ValueError(f"strain has no value at 0 s: {checks.message(error)}") from error
+        first = checks.array("strain", first)
+        self._given: Any = given if self.varies else lambda _: first
+        self._axes = first.shape
+        if first.ndim > 2 or (first.ndim == 2 and first.shape[1] != actuators) or first.size == 0:
+            raise ValueError(
+                f"strain has shape {first.shape}; it must be of shape [rows] or [rows, {actuators}], a row for "
+                "each world, and a number for each actuator"
+            )
+        self.shape = (first.shape[0] if first.ndim else 1, actuators)
+        self.first = self.at(np.zeros(1))[0]
+        """The strains at time 0, shape [rows, actuator_count]."""
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the strains at these times, shape [time_count, rows, actuator_count]."""
+        given, width = (self._in_line if self.varies else self._in_line(0.0)), self.shape[0] * self.shape[1]
+        return _strains_at("strain", given, times, width).reshape(-1, *self.shape)
+
+    def of(self, row: int, k: int) -> Any:
+        """Return the strain of actuator k in a row: a number, or a function of time."""
+        place = row * self.shape[1] + k
+
+        def strain(time: Any) -> Any:
+            return self._in_line(time)[place]
+
+        return strain if self.varies else float(self.first[row, k])
+
+    def _in_line(self, time: Any) -> NDArray:
+        """Return all strains, row after row, shape [rows · actuator_count, ...], at one time or at several.
+
+        Several times have an axis more for each axis of the strains, so that a function can broadcast them.
+        """
+        times = np.reshape(time, (*np.shape(time), *(1,) * len(self._axes))) if np.ndim(time) else time
+        values, lead = np.asarray(self._given(times)), np.shape(time)
+        if values.shape != (*lead, *self._axes):
+            raise ValueError(f"it returned shape {values.shape}, and {self._axes} at time 0")
+        values = values.reshape(*lead, *self._axes, *(1,) * (2 - len(self._axes)))
+        return np.broadcast_to(values, (*lead, *self.shape)).reshape(*lead, -1).T
+
+
+def _strains_at(name: str, given: Any, times: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return strains at these times, shape [time_count, width]; raise ValueError if one is out of range."""
+    values = values_at(name, given, times, width)
+    wrong = np.abs(values) >= 1
+    if wrong.any():
+        k, column = np.argwhere(wrong)[0]
+        raise ValueError(f"{name} is {values[k, column]:g} at {times[k]:g} s; it must be above -1 and below 1")
+    return values

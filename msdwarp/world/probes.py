@@ -1,6 +1,7 @@
 """Probes: measurements during a run, as by a tracker or a load cell.
 
-`engine/diagnostics/probes.py` evaluates probes, with the sums in `kernels/reductions/probes.py`.
+`engine/diagnostics/probes.py` evaluates them, with the sums in `probes.py` and `spring_probes.py` of
+`kernels/reductions`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,10 +17,11 @@ from .colliders import Collider
 from .contact import Contact
 from .loads import Load
 
-POSITION, VELOCITY, FORCE, STRAIN, STRESS = "position", "velocity", "force", "strain", "stress"
+POSITION, VELOCITY, FORCE = "position", "velocity", "force"
+STRAIN, TENSION, STRESS = "strain", "tension", "stress"
 CONTACT_FORCE, BODY_CONTACT_FORCE = "contact force", "touch force"
 UNITS = {POSITION: "m", VELOCITY: "m/s", **dict.fromkeys((FORCE, CONTACT_FORCE, BODY_CONTACT_FORCE), "N")}
-UNITS |= {STRAIN: "", STRESS: "Pa"}
+UNITS |= {STRAIN: "", TENSION: "N", STRESS: "Pa"}
 QUANTITIES = tuple(UNITS)
 """What probes measure on particles."""
 WRENCH = "force and torque"
@@ -60,6 +62,10 @@ class Probe:
           of the group cancel.
         - "strain": the mean of length / rest length − 1 over the unbroken connections within the group, and the
           largest absolute strain.
+        - "tension" [N]: the mean force along the unbroken connections within the group, positive in tension and
+          negative in compression, and the largest absolute one. It is the force of the spring's law at its strain,
+          and of its damper at its rate; muscles (`Actuator`) have their rest length of the moment. Of one spring,
+          rope or rod: `Probe([4, 7], "tension")`, by the particles that it joins.
         - "stress" [Pa]: the volume-weighted mean Cauchy stress of the cells within the group, as components xx,
           yy, zz, xy, xz, yz, and the von Mises stress of this mean. A `Material` with a Poisson's ratio has cells;
           see `stress` for the formula. In sheets it is in N/m, in the plane of each cell.
@@ -109,6 +115,8 @@ class Probe:
         """Return the column names of the probe's readings, such as "contact_force_x_N"."""
         if self.what == STRAIN:
             return ["strain_mean", "strain_largest"]
+        if self.what == TENSION:
+            return ["tension_mean_N", "tension_largest_N"]
         if self.what == WRENCH:
             torque = {1: [], 2: ["torque_N_m"], 3: [f"torque_{axis}_N_m" for axis in "xyz"]}[dim]
             return [f"force_{axis}_N" for axis in "xyz"[:dim]] + torque
@@ -125,8 +133,11 @@ class Probe:
                 raise ValueError(f"on is {self.on!r}; it must be one of the scene's colliders, the same object")
             return
         self.particles(system)
-        if self.what == STRAIN and not len(self.connections(system)):
-            raise ValueError(f"on is {checks.repr_short(self.on)}; for the strain it must contain a connection")
+        if self.what in (STRAIN, TENSION) and not len(self.connections(system)):
+            raise ValueError(
+                f"on is {checks.repr_short(self.on)}; for the {self.what} it must contain a connection, that is "
+                "both of its particles"
+            )
         if self.what == STRESS:
             if system.cells is None or not self.cells(system).any():
                 raise ValueError(

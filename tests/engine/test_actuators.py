@@ -2,9 +2,13 @@
 them."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from alone import one_lane
 from problems import EPS64
 from scipy.integrate import solve_ivp
 
@@ -12,6 +16,7 @@ from msdwarp import (
     RK4,
     RKC2,
     Actuator,
+    Ensemble,
     Leapfrog,
     LinearlyImplicitEuler,
     Simulation,
@@ -244,6 +249,59 @@ def test_what_muscles_do_to_a_body_without_energy_is_no_divergence(plain_device,
     simulation = Simulation(pair(damping=0.5), loads=[Actuator(strain)], **how)
     simulation.step(10)
     assert bool(simulation.measure().external_work) == bool(strain)
+
+
+def triangle(t):
+    """Return a wave of differences and products alone: the same to the last bit for one time or many."""
+    return np.abs(t % 1.0 - 0.5)
+
+
+def test_worlds_have_muscles_of_their_own(plain_device):
+    body, draw = jelly(), np.random.default_rng(1).uniform
+    x, lower = body.position[:, 0], body.position[:, 2] < 0.0
+    muscles = [Actuator(lambda t: 0.3 * triangle(2 * t), on=lower, delay=x), Actuator(0.1, along="x")]
+    a, f, b = draw(0.1, 0.6, (3, 2)), draw(1.0, 4.0, (3, 1)), draw(0.0, 1.0, (3, 2))
+    # What an ensemble is given, and what the muscle k has in the run of world w alone.
+    cases: list[tuple[dict[str, Any], Callable[[int, int], dict[str, Any]]]] = [
+        ({"strain": lambda t: a * triangle(f * t + b)}, lambda w, k: {"strain": gait(a[w, k], f[w, 0], b[w, k])}),
+        ({"strain": lambda t: a[:, 0] * triangle(t)}, lambda w, k: {"strain": gait(a[w, 0], 1.0, 0.0)}),
+        ({"strain": -a}, lambda w, k: {"strain": -a[w, k]}),
+        ({"delay": b[:, 0]}, lambda w, k: {"delay": b[w, 0]}),
+        ({"delay": b[:, :, None] * x}, lambda w, k: {"delay": b[w, k] * x}),
+    ]
+
+    def gait(amplitude, frequency, phase):
+        return lambda t: amplitude * triangle(frequency * t + phase)
+
+    how = options(plain_device, fps=60.0, force_algorithm="gather")
+    for given, own in cases:
+        ensemble = Ensemble(body, 3, loads=muscles, **given, **how)
+        ensemble.step(6)
+        places = ensemble.frame().position
+        assert np.ptp(places, axis=0).max() > 1e-4
+        for w in range(3):
+            loads = [replace(one, **own(w, k)) for k, one in enumerate(muscles)]
+            with one_lane():
+                alone = Simulation(body, loads=loads, **how)
+            alone.step(6)
+            np.testing.assert_array_equal(places[w], alone.frame().position)
+
+
+def test_the_muscles_that_contract_most_set_the_substeps_of_all_worlds(plain_device):
+    how = options(plain_device, fps=60.0, substeps="auto", force_algorithm="gather", loads=[Actuator(0.0)])
+    ensemble = Ensemble(jelly(), 3, strain=[0.3, -0.6, 0.0], **how)
+    alone = [ensemble.simulation_of(w, substeps="auto").choice.rates.stiffness for w in range(3)]
+    assert alone[1] > 1.2 * alone[2]
+    assert ensemble.choice.rates.stiffness == pytest.approx(alone[1], rel=1e-12)  # atomics add in any order
+    assert ensemble.numbers["strain"].tolist() == [0.3, -0.6, 0.0]  # the coordinate of results
+
+
+def test_strains_of_worlds_that_change_in_number_are_named():
+    gait = Ensemble(
+        jelly(), 2, loads=[Actuator(0.0)], strain=lambda t: np.zeros(2 if t < 0.1 else 4), device="cpu"
+    )
+    with pytest.raises(ValueError, match=r"strain has no value .* it returned shape \(4,\), and \(2,\) at time 0"):
+        gait.step(10)
 
 
 def late(t: float) -> float:

@@ -118,11 +118,15 @@ def test_a_support_reads_what_hangs_on_it(device):
     rope = chain(6, spacing=0.1, stiffness=2000.0, damping=20.0, mass=0.5).pin(0)
     rope = rope.replace(position=-rope.position[:, ::-1])  # straight down
     probes = {"top": Probe([0], "force"), "free": Probe([1, 2, 3, 4, 5], "force"), "three": Probe([3], "force")}
+    probes |= {"link": Probe([0, 1], "tension"), "links": Probe([2, 3, 4, 5], "tension")}
     simulation = Simulation(rope, probes=probes, precision="float64", device=device)
     simulation.step(600)
     down = np.array([0.0, 0.0, -1.0])
     # Rates of a few per second and more have had ten seconds; what is left is seen as nothing by the third.
     for name, expected in (("top", 2.5 * G * down), ("free", 0 * down), ("three", 0 * down)):
+        np.testing.assert_allclose(simulation.readings[name].values[-1], expected, rtol=0, atol=1e-6)
+    # Five masses hang on the first link; three, two and one on the last ones.
+    for name, expected in (("link", (2.5 * G, 2.5 * G)), ("links", (1.0 * G, 1.5 * G))):
         np.testing.assert_allclose(simulation.readings[name].values[-1], expected, rtol=0, atol=1e-6)
 
 
@@ -231,7 +235,7 @@ def test_by_substep_a_particle_on_a_spring_follows_its_method(device, method):
     system = chain(2, spacing=1.0, stiffness=k, damping=b, mass=[1.0, 1.0]).pin(0)
     system = system.replace(position=system.position + np.array([[0.0, 0, 0], [0.1, 0, 0]]))
     probes = {name: Probe([1], name, every="substep") for name in ("position", "velocity", "force")} | {
-        "strain": Probe([0, 1], "strain", every="substep")
+        name: Probe([0, 1], name, every="substep") for name in ("strain", "tension")
     }
     simulation = Simulation(
         system,
@@ -244,7 +248,8 @@ def test_by_substep_a_particle_on_a_spring_follows_its_method(device, method):
     )
     simulation.step(frames)
     times, position = simulation.readings["position"]
-    velocity, force, strain = (simulation.readings[name].values for name in ("velocity", "force", "strain"))
+    names = "velocity", "force", "strain", "tension"
+    velocity, force, strain, tension = (simulation.readings[name].values for name in names)
     np.testing.assert_allclose(times, h * np.arange(1, frames * substeps + 1), rtol=1e-14)
     np.testing.assert_allclose(position[:, 1:], 0.0, atol=EPS64)
     x, v = _oscillator(simulation.integrator, k, b, h, 0.1, frames * substeps)
@@ -255,6 +260,7 @@ def test_by_substep_a_particle_on_a_spring_follows_its_method(device, method):
     np.testing.assert_allclose(velocity[:, 0], v, rtol=0, atol=most / h)
     np.testing.assert_allclose(force[:, 0], -k * x - b * v, rtol=0, atol=k * most + b * most / h)
     np.testing.assert_allclose(strain, np.stack([x, np.abs(x)], axis=1), rtol=0, atol=most)
+    np.testing.assert_allclose(tension[:, 0], k * x + b * v, rtol=0, atol=k * most + b * most / h)
 
 
 def _oscillator(method, k, b, h, x, steps):

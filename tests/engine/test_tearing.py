@@ -7,7 +7,7 @@ import pytest
 from problems import EPS64
 from springs import pair, simulate
 
-from msdwarp import RK4, Leapfrog, Simulation, System, box, chain
+from msdwarp import RK4, Leapfrog, Probe, Simulation, System, box, chain
 from msdwarp.engine.springs import force_algorithms as forces
 
 
@@ -187,10 +187,15 @@ def test_a_chain_breaks_at_its_weak_link(device):
     strength = np.full(row.connection_count, 100.0)
     strength[5] = 2.0  # three particles hang on it, of 3 · 0.1 · 9.82 = 2.9 N
     simulation = Simulation(
-        row.rotate(math.pi / 2, (0, 1, 0), about=(0, 0, 0)).replace(break_force=strength), device=device
+        row.rotate(math.pi / 2, (0, 1, 0), about=(0, 0, 0)).replace(break_force=strength),
+        probes={"link": Probe([5, 6], "tension")},
+        device=device,
     )
     simulation.step(60)
     assert np.flatnonzero(simulation.snapshot().broken).tolist() == [5]
+    bears = simulation.readings["link"].values[:, 0]  # nothing, and no number, once it is broken
+    assert not np.isnan(bears[0])
+    assert np.isnan(bears[-1])
 
 
 def test_only_the_start_of_a_substep_breaks(device):

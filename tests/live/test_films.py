@@ -36,7 +36,7 @@ def test_films_of_frames_of_a_simulation_and_of_a_file_are_alike(tmp_path):
     assert len(of_frames) == 4
     assert of_frames[0].std() > 5  # not blank
     simulation.reset()
-    of_run = pictures(msd.film(simulation, tmp_path / "run.webp", seconds=0.05, **SMALL))
+    of_run = pictures(msd.film(simulation, tmp_path / "run.webp", duration=0.05, **SMALL))
     assert simulation.frame_index == len(of_run) - 1 == 2  # the first picture is of the start
     of_file = pictures(msd.film(str(tmp_path / "t.vtkhdf"), tmp_path / "file.webp", fps=10, **SMALL))
     assert len(of_file) == 4
@@ -49,12 +49,12 @@ def test_films_of_frames_of_a_simulation_and_of_a_file_are_alike(tmp_path):
     [
         ("frames", "a.webp", {}, "scene is None; it must be a Scene"),
         ("none", "a.webp", {"scene": scene()}, "shown has no frames"),
-        ("simulation", "a.webp", {}, "seconds is None; a simulation keeps no frames"),
+        ("simulation", "a.webp", {}, "duration is None; a simulation keeps no frames"),
         ("scene", "a.avi", {}, "the end of path is '.avi'; it must be one of '.webp', '.mp4', '.gif'"),
         ("scene", "a.webp", {"fps": 0}, "fps is 0"),
-        ("scene", "a.webp", {"seconds": -1.0}, "seconds is -1"),
+        ("scene", "a.webp", {"duration": -1.0}, "duration is -1"),
         ("scene", "a.webp", {"scene": scene()}, "scene is given; it must be None"),
-        ("frames", "a.webp", {"scene": scene(), "seconds": 1.0}, "seconds is 1; it must be None"),
+        ("frames", "a.webp", {"scene": scene(), "duration": 1.0}, "duration is 1; it must be None"),
         ("three", "a.webp", {}, "shown is 3"),
     ],
 )

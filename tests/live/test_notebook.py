@@ -83,14 +83,14 @@ def test_without_a_notebook_it_says_what_to_install(monkeypatch):
 def test_what_cannot_be_shown_is_named(cell):
     with pytest.raises(ValueError, match="shown is 3"):
         msd.show(3)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(ValueError, match="seconds is 0"):
-        msd.show(SCENE, seconds=0)
+    with pytest.raises(ValueError, match="duration is 0"):
+        msd.show(SCENE, duration=0)
     with pytest.raises(ValueError, match="resolution is 0"):
         msd.show(SCENE, resolution=0)  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize("seconds", [None, 0.05])
-def test_what_has_torn_in_a_simulation_is_shown_torn(cell, monkeypatch, seconds):
+@pytest.mark.parametrize("duration", [None, 0.05])
+def test_what_has_torn_in_a_simulation_is_shown_torn(cell, monkeypatch, duration):
     drawn, real = [], notebook.Renderer
     monkeypatch.setattr(notebook, "VIEWS", 1)
     monkeypatch.setattr(
@@ -99,7 +99,7 @@ def test_what_has_torn_in_a_simulation_is_shown_torn(cell, monkeypatch, seconds)
     hung = msd.chain(3, 0.5, dim=3).rotate(np.pi / 2, (0, 1, 0)).pin(0).replace(break_force=[1e9, 1.0])
     simulation = msd.Simulation(hung, device="cpu")
     list(simulation.frames(0.1))
-    msd.show(simulation, seconds=seconds, resolution=(96, 64))
+    msd.show(simulation, duration=duration, resolution=(96, 64))
     assert drawn[0].system.broken.tolist() == [False, True]
 
 

@@ -8,6 +8,7 @@ import msdwarp as msd
 from msdwarp.simulation import substep_chooser
 
 WORLDS = 6
+MUSCLE = {"loads": [msd.Actuator(0.1)]}
 METHODS = {
     "extrapolated": msd.Leapfrog(damper_extrapolation=0.5),
     "explicit": msd.ExplicitEuler(),
@@ -215,6 +216,17 @@ def test_substeps_are_those_of_the_world_that_needs_most(plain_device):
         ({"gravity": [0.0, 0.0, -9.82]}, "gravity.*-9.82.*at least 0"),
         ({"velocity": np.zeros(3)}, r"velocity has shape \(3,\)"),
         ({"friction": [0.1, 0.2]}, "friction is given; there must be colliders"),
+        ({"strain": [0.1]}, "strain is given; there must be an Actuator among the loads"),
+        (MUSCLE | {"strain": np.zeros((6, 2))}, r"strain has shape \(6, 2\); it must be of shape .*\[rows, 1\]"),
+        (
+            MUSCLE | {"strain": lambda t: np.zeros(4)},
+            "strain has 4 rows; that must divide the number of worlds, 6",
+        ),
+        (MUSCLE | {"strain": lambda t: np.ones(6)}, "strain is 1 at 0 s; it must be above -1 and below 1"),
+        (MUSCLE | {"strain": lambda t: 1 / 0}, "strain has no value at 0 s: ZeroDivisionError: division by zero"),
+        (MUSCLE | {"delay": np.zeros((6, 2))}, r"delay has shape \(6, 2\); it must be of shape .*\[rows, 1, 27\]"),
+        (MUSCLE | {"delay": [0.0, np.inf]}, "delay.*inf.*finite"),
+        (MUSCLE | {"delay": [0.0], "strain": [0.1]}, "delay is given beside strain"),
         ({"integrator": msd.LinearlyImplicitEuler()}, "integrator is Linearly.*explicit"),
         ({"threads": 3}, "threads is 3"),
         (

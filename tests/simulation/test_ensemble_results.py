@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from alone import simulation_alone
 
-from msdwarp import Ensemble, GroupMean, Leapfrog, Plane, Probe, box
+from msdwarp import Actuator, Ensemble, GroupMean, Leapfrog, Plane, Probe, box
 
 xarray = pytest.importorskip("xarray")
 WORLDS = 4
@@ -90,9 +90,10 @@ def test_energies_are_those_of_simulations(plain_device):
 
 @pytest.mark.slow
 def test_probes_measure_in_each_world_what_they_do_alone(plain_device):
-    quantities = ("position", "velocity", "force", "strain")
+    quantities = ("position", "velocity", "force", "strain", "tension")
     probes = {name: Probe("top", name) for name in quantities}
-    worlds = ensemble(plain_device, precision="float32-compensated", damping=[0.5, 1.5])
+    muscles = {"loads": [Actuator(0.0)], "strain": lambda t: np.array([0.1, 0.2]) * np.sin(20 * t)}
+    worlds = ensemble(plain_device, precision="float32-compensated", damping=[0.5, 1.5], substeps=20, **muscles)
     observed = worlds.run(0.2, observe=probes, every=12)
     for world in range(WORLDS):
         alone = simulation_alone(worlds, world, probes=probes)

@@ -78,6 +78,7 @@ CASES: dict[str, tuple[Scene, dict[str, Any]]] = {
         {
             "stiffness": factors(1) * BLOCK.stiffness,
             "velocity": factors(1, 1) * BLOCK.velocity,
+            "strain": lambda t: 0.1 * np.sin(40 * factors() * t),
             "integrator": SymplecticEuler(),
         },
     ),

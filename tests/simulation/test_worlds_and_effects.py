@@ -25,6 +25,10 @@ def swing(t):
     return np.stack([0.1 * np.sin(3 * t), 0 * t, 0.05 * np.sin(5 * t)], axis=-1)
 
 
+def gait(t):
+    return 0.1 * np.sin(np.arange(6.0, 6.0 + WORLDS) * t)
+
+
 def lifted(t):
     return (0.0, 0.0, 0.1 * t)
 
@@ -87,6 +91,8 @@ def assert_worlds_equal_runs(name: str, method, device: str, **more) -> msd.Ense
     draw = np.random.default_rng(3).uniform
     differ = {"stiffness": draw(500, 1500, WORLDS), "damping": draw(0.5, 2.0, WORLDS // 2)}
     differ |= {"mass": draw(0.5, 2.0, (WORLDS, 1)) * system.mass}
+    if name == "loads":
+        differ |= {"strain": gait}
     if "gravity" not in options:
         differ |= {"gravity": draw(5.0, 12.0, 2)}
     how = {"device": device, "integrator": method, "force_algorithm": "gather"} | options | more

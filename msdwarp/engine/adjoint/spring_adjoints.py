@@ -68,6 +68,7 @@ class InTable(OverParticles):
                 values = wp.array(model.of_each_world(model.rows[name]), dtype=model.scalar, device=model.device)
             setattr(table, name, values)
         table.column = wp.array(self.column, dtype=int, device=model.device)
+        table.columns = 0 if actuated is None else actuated.columns
         table.strain = wp.zeros((1, 1), dtype=model.scalar, device=model.device)
         table.particle_count, table.stride = model.particle_count, model.stride
         table.differs = wp.vec3i(*(int(name in model.rows) for name in CONSTANTS))

@@ -15,12 +15,12 @@ from ...kernels.reductions.measure import fold
 from ...kernels.reductions.probes import (
     Sum,
     mean_of_function,
-    spring_sums,
     sum_cell_stress,
     sum_members,
     sum_of_group,
     wrench_on_obstacle,
 )
+from ...kernels.reductions.spring_probes import COUNT, LARGEST, SUM, spring_sums, sum_tensions
 from ...world import (
     BODY_CONTACT_FORCE,
     CONTACT_FORCE,
@@ -28,6 +28,7 @@ from ...world import (
     POSITION,
     STRAIN,
     STRESS,
+    TENSION,
     VELOCITY,
     WRENCH,
     Probe,
@@ -36,8 +37,11 @@ from ...world import (
 from ..collision.colliders import Colliders
 from ..collision.contact_forces import ContactForces
 from ..collision.penetration_depth import touching
+from ..device.csr import rows as by_row
+from ..loads.actuators import ActuatedSprings
 from ..model.model import CONSTANTS, Model
 from ..model.state import State
+from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Stage
 from ..stepping.substep import take_stage
@@ -67,20 +71,20 @@ class Sensors:
     ) -> None:
         self._dynamics, self._state, model = dynamics, state, dynamics.model
         self._model, self._seconds = model, seconds / readings
-        self._sums, first = list[_Sum | _StressSum | _WrenchSum](), 0
+        self._sums, first, assembly = list[_Sum | _SpringSum | _StressSum | _WrenchSum](), 0, dynamics.assembly
         for name, probe in requested.items():
             if probe.what == STRESS:
                 self._sums.append(_StressSum(model, name, probe, first))
             elif probe.what == WRENCH:
                 assert contact_forces is not None
-                self._sums.append(
-                    _WrenchSum(model, name, probe, first, dynamics.assembly.colliders, contact_forces)
-                )
+                self._sums.append(_WrenchSum(model, name, probe, first, assembly.colliders, contact_forces))
+            elif probe.what in (STRAIN, TENSION):
+                self._sums.append(_SpringSum(model, name, probe, first, assembly))
             else:
-                self._sums.append(_Sum(model, name, probe, first, dynamics.assembly.fracture is not None))
+                self._sums.append(_Sum(model, name, probe, first))
             first += self._sums[-1].width
         asked = {one.what for one in self._sums}
-        self.moves = VELOCITY in asked or FORCE in asked
+        self.moves = bool(asked & {VELOCITY, FORCE, TENSION})
         """Whether probes need velocities at the time of the positions."""
         self._force = model.vectors() if FORCE in asked else None
         of_contact = asked & {CONTACT_FORCE, BODY_CONTACT_FORCE, WRENCH}
@@ -104,6 +108,7 @@ class Sensors:
         places = {"value": now.x, "lost": now.compensation.x}
         state = dict.fromkeys((POSITION, STRAIN, STRESS), places)
         state |= {VELOCITY: {"value": v, "lost": now.compensation.v}, FORCE: {"value": self._force}}
+        state[TENSION] = places | {"v": v, "v_lost": now.compensation.v}
         if self._contact_forces is not None:
             state[CONTACT_FORCE] = {"value": self._contact_forces.by_all()}
             state[BODY_CONTACT_FORCE] = {"value": self._contact_forces.by_bodies}
@@ -112,6 +117,8 @@ class Sensors:
             given = state[one.what]
             if isinstance(one, _WrenchSum):
                 given = one.state(now.x, k if len(self._rows) > 1 else -1) | given
+            elif isinstance(one, _SpringSum) and one.actuated is not None:
+                given = given | {"strain": one.actuated.data.strain, "row": self._dynamics.scene.stage}
             for part in one.parts:
                 part.launch(rows, **given)
         if k == len(self._rows) - 1 and self._found is not self._rows:
@@ -163,35 +170,69 @@ def _springs(model: Model) -> dict[str, Any]:
 class _Sum:
     """The sums for one probe: columns of the table of all probes' sums, starting at `first`."""
 
-    def __init__(self, model: Model, name: str, probe: Probe, first: int, tears: bool) -> None:
+    def __init__(self, model: Model, name: str, probe: Probe, first: int) -> None:
         self.name, self.what, self._first, self._model = name, probe.what, first, model
-        if self.what == STRAIN:
-            chosen = mask_of(probe.connections(model.system), model.connection_count)
-            member, fields = np.flatnonzero(model.ordered(chosen)), _springs(model) | {"tears": int(tears)}
-            of = spring_sums(model.dim, model.scalar)[0]
-        else:
-            member = np.flatnonzero(probe.particles(model.system))
-            weight, self._mass = _weights(self.what, model.row_of("mass")[:, member])
-            fields = {"weight": wp.array(weight, dtype=wp.float64, device=model.device)}
-            wide = self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE)
-            of = sum_of_group(model.dim, vector(model.dim, wp.float64) if wide else model.vector)
+        member = np.flatnonzero(probe.particles(model.system))
+        weight, self._mass = _weights(self.what, model.row_of("mass")[:, member])
+        fields: dict[str, Any] = {"weight": wp.array(weight, dtype=wp.float64, device=model.device)}
+        wide = self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE)
+        of = sum_of_group(model.dim, vector(model.dim, wp.float64) if wide else model.vector)
         fields["member"] = wp.array(member, dtype=int, device=model.device)
         self.width, self.parts = of.columns, [_Part(model, of, len(member), first, **fields)]
 
     def reading(self, rows: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
         """Return the probe's values by reading, `seconds` apart; `rows`: [readings, worlds, rows, columns]."""
-        own = rows[..., self._first : self._first + self.width]
-        result = total = own.sum(axis=2)
-        if self.what == STRAIN:
-            count = total[..., probes.COUNT]
-            known = np.where(count > 0, count, np.nan)  # NaN if all connections are broken
-            largest = np.where(count > 0, own[..., probes.LARGEST].max(axis=2), np.nan)
-            result = np.stack([total[..., probes.SUM] / known, largest], axis=-1)
-        elif self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE):  # impulses are summed since the frame's start
+        result = total = rows[..., self._first : self._first + self.width].sum(axis=2)
+        if self.what in (CONTACT_FORCE, BODY_CONTACT_FORCE):  # impulses are summed since the frame's start
             result = np.diff(total, axis=0, prepend=0.0) / seconds
         elif self.what == FORCE:
             each, gravity = np.arange(self._model.worlds), self._model.row_of("gravity")
             result = total + self._mass[each % len(self._mass), None] * gravity[each % len(gravity)]
+        return result if self._model.in_worlds else result[:, 0]
+
+
+class _SpringSum:
+    """The sums of a probe of strains or tensions: their sum, the largest, and the number of connections.
+
+    `actuated` are the muscles among the connections; None if there are none, or strains are measured.
+    """
+
+    actuated: ActuatedSprings | None = None
+
+    def __init__(self, model: Model, name: str, probe: Probe, first: int, assembly: Assembly) -> None:
+        self.name, self.what, self._first, self._model = name, probe.what, first, model
+        chosen = mask_of(probe.connections(model.system), model.connection_count)
+        member = np.flatnonzero(model.ordered(chosen))
+        fields: dict[str, Any] = {"tears": int(assembly.fracture is not None)}
+        if self.what == STRAIN:
+            of, more = spring_sums(model.dim, model.scalar)[0], _springs(model)
+        else:
+            place = np.full(model.connection_count, -1)
+            place[model.ordered(np.arange(model.connection_count))[member]] = np.arange(len(member))
+            more = {"connections": model.connection_table(model.law_forms)} | self._muscles(assembly, place)
+            of = sum_tensions(model.dim, model.scalar, model.law_forms, self.actuated is not None)
+        fields |= more | {"member": wp.array(member, dtype=int, device=model.device)}
+        self.width, self.parts = of.columns, [_Part(model, of, len(member), first, **fields)]
+
+    def _muscles(self, assembly: Assembly, place: NDArray[np.integer]) -> dict[str, Any]:
+        """Return the fields of the data with the muscles among the members; `place` is that of a connection."""
+        found = next((one for one in assembly.all if isinstance(one, ActuatedSprings)), None)
+        if found is None or (place[found.connection] < 0).all():
+            return {}
+        self.actuated, own = found, place[found.connection]
+        order, first = by_row(own[own >= 0], int(place.max()) + 1)
+        given = {"entries": first, "column": found.column[own >= 0][order]}
+        arrays = {name: wp.array(one, dtype=int, device=self._model.device) for name, one in given.items()}
+        return arrays | {"columns": found.columns}
+
+    def reading(self, rows: NDArray[np.float64], _seconds: float) -> NDArray[np.float64]:
+        """Return mean and largest value by reading; `rows`: [readings, worlds, rows, columns]."""
+        own = rows[..., self._first : self._first + self.width]
+        total = own.sum(axis=2)
+        count = total[..., COUNT]
+        known = np.where(count > 0, count, np.nan)  # NaN if all connections are broken
+        largest = np.where(count > 0, own[..., LARGEST].max(axis=2), np.nan)
+        result = np.stack([total[..., SUM] / known, largest], axis=-1)
         return result if self._model.in_worlds else result[:, 0]
 
 

@@ -21,7 +21,7 @@ from ..device.device import PRECISIONS, scalar_array, view_of
 from ..device.vector_arrays import records_together
 from .algorithm_choice import AUTO, choose_force_algorithm, ensemble_force_algorithm, scatter_order
 
-Rows = Mapping[str, NDArray[np.float64]]
+Rows = Mapping[str, Any]
 """Parameters that differ between worlds, by name: world w uses row w mod (number of rows)."""
 LINE = 8
 """Particles in a cache line of a GPU; each world begins at a new line."""
@@ -41,7 +41,8 @@ class Model:
 
     `rows` differ between worlds: rest_length, stiffness, damping of shape [rows, connection_count]; mass
     [rows, particle_count]; gravity [rows, d]; friction [rows, collider_count]; position, velocity
-    [rows, particle_count, d]. Each number of rows divides `worlds`. For a single world `rows` is None.
+    [rows, particle_count, d]; delay [rows, actuator_count, particle_count]; strain: a `StrainRows`. Each number of
+    rows divides `worlds`. For a single world `rows` is None.
 
     Raises ValueError if an argument is out of range, or a stencil is requested for a system that is no lattice.
     """
@@ -138,7 +139,8 @@ class Model:
             steepest = steepest if np.ndim(slope) else uniform_like(steepest, system.damping)
             self.steepest_damping = self._upload_unbroken(steepest, "damping")
         for name, values in self.rows.items():
-            self.check_range(values[np.isfinite(values)], name)
+            if isinstance(values, np.ndarray):
+                self.check_range(values[np.isfinite(values)], name)
         if worlds * self.stride + 2 * self.margin > MOST_RECORDS:
             most = (MOST_RECORDS - 2 * self.margin) // self.stride
             raise ValueError(

@@ -101,7 +101,7 @@ class StageTables(FrameTables):
 
     def look_ahead(self, times: NDArray[np.float64], x: Any, v: Any) -> dict[str, NDArray[np.float64]]:
         """Return the table's rows at these times, all under one name if there is not one element for each load."""
-        names, rows = [name for name, _ in self.named], self.at(times)
+        names, rows = list(dict.fromkeys(name for name, _ in self.named)), self.at(times)
         rows = rows.reshape(*rows.shape[:2], -1)
         if len(names) != rows.shape[1]:
             return {", ".join(names): rows}
