@@ -40,8 +40,8 @@ class Contact(Load):
     thickness
         Distance of two bodies' meshes at which they touch [m], above 0. By default solid bodies, whose meshes are
         1/4 of their spacing below the drawn surface, touch where they are drawn, sheets are 1/4 of their spacing
-        thick, and ropes 1/2. Single particles that touch each other need a value. Half of it is the radius at which
-        obstacles meet the bodies without a surface to which a rule with a value applies, such as grains and ropes.
+        thick, and ropes 1/2. Single particles that touch each other need a value. Half of a value also is the
+        radius at which obstacles meet what has no surface, such as grains and ropes.
     stiffness
         Stiffness of a contact [N/m]. By default about that of one more layer of connections: the harmonic mean of
         both bodies' mean stiffness. Single particles have no springs, so they need a value.
