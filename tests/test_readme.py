@@ -98,6 +98,10 @@ def test_the_recipes_run(tmp_path, monkeypatch, capsys):
     weight, own = 9.82 * names["load"].mass.sum(), 9.82 * names["rope"].mass[1:].sum()
     [longer] = re.findall(r"the rope is longer by \[m\]: ([\d.]+)", printed)
     assert float(longer) == pytest.approx(20 * (weight + own / 2) / 5000, rel=0.02)
+    # Stones of 60 mm lie on each other, and have left the tube, in which they were 0.2 m high.
+    high, wide = map(float, re.findall(r"half width of the heap \[m\]: ([\d.]+) ([\d.]+)", printed)[0])
+    assert 0.06 < high < 0.12
+    assert 0.15 < wide < 0.4
     assert names["thick"] > 0.2  # the pillow is blown up
     assert names["wide"] > 0.101  # and the cavity
     assert names["place"][1] > 0.4  # the door is open: its handle is 0.5 m from the hinge

@@ -40,6 +40,8 @@ class ColliderTerm(NamedTuple):
 
     A test for them at run time would take a fifth of a substep beside moving obstacles, by registers.
     """
+    round_particles: bool = False
+    """Whether any particle has a radius against obstacles."""
 
 
 NO_COLLIDERS = ColliderTerm(NoColliders, None, False)
@@ -56,6 +58,7 @@ def collider_contact(
     moving: bool = False,
     contact_forces: bool = False,
     overlapping_at_start: bool = False,
+    round_particles: bool = False,
 ):
     """Compose (Obstacles, collide): obstacles of these kinds, applied to a particle one after the other.
 
@@ -70,10 +73,13 @@ def collider_contact(
     A moving obstacle does the work m Δv·u on a particle; u is the mean of the surface's velocities in this substep
     and the previous one. The work of other forces is computed likewise: half with the velocity before the force,
     half with the velocity after.
+
+    For `round_particles` obstacles are larger by the radius of each particle, and the rule is applied to its
+    centre: so friction turns nothing, and sees the velocity that a turning obstacle would have at the centre.
     """
     V, Solids, Surface = vector(dim, scalar), solids(dim, scalar), surface(scalar)
     Turn, Wide, bounces = wp.types.matrix((dim, dim), scalar), vector(dim, wp.float64), rule == "coulomb"
-    distance_from = signed_distance(dim, scalar, kinds)
+    distance_from = signed_distance(dim, scalar, kinds, round_particles)
     put_back, put_on = (touch(dim, scalar, rule, flies, overlapping_at_start) for flies in (bounces, False))
     swept, passes = kinds != ("Plane",), passing(dim, scalar)
 
@@ -97,9 +103,12 @@ def collider_contact(
         # Of each particle, or empty:
         inverse_mass: wp.array(dtype=scalar)  # [1/kg], 0 where pinned; if obstacles move or overlap at the start
         spared: wp.array(dtype=int)  # whether obstacles ignore it, as its body's surface meets them instead
+        if round_particles:
+            radius: wp.array(dtype=scalar)  # [m], shape [particle_count]
 
-    if moving:  # generated code of moving obstacles needs another name
-        Obstacles.__qualname__ = Obstacles.__qualname__.replace("Obstacles", "MovingObstacles")
+    # Generated code of other obstacles needs another name.
+    kind = "Moving" * moving + "Round" * round_particles + "Obstacles"
+    Obstacles.__qualname__ = Obstacles.__qualname__.replace("Obstacles", kind)
     Obstacles = wp.struct(Obstacles)
 
     @wp.func

@@ -21,6 +21,7 @@ def solids(dim: int, scalar: type):
 
     Plane: normal a, offset `radius`. Sphere: centre a, `radius`. Box: centre a, half edge lengths b along the
     columns of `axes`. Capsule: from a to b, `radius`. Cone: apex a, centre b and `radius` of the base.
+    With particles that have a radius, all solids are larger by `margin`.
     """
     V, Axes = vector(dim, scalar), wp.types.matrix((dim, dim), scalar)
 
@@ -32,16 +33,18 @@ def solids(dim: int, scalar: type):
         b: wp.array(dtype=V)  # [m]
         radius: wp.array(dtype=scalar)  # [m]
         axes: wp.array(dtype=Axes)  # orthonormal
+        margin: scalar  # radius of the current particle [m]
 
     return Solids
 
 
 @functools.cache
-def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
+def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...], round_particles: bool = False):
     """Compose `distance(solids, p, x)` for solids of these kinds: (n, signed distance of x from solid p [m]).
 
     The result vector has the outward unit normal n = grad of the distance, then the distance. Distances are
     exact inside and outside. Derivations: Quilez, Distance functions, iquilezles.org/articles/distfunctions.
+    For `round_particles` it is that from all points within `margin` of the solid, also a convex body, and exact.
     """
     V, Solids = vector(dim, scalar), solids(dim, scalar)
     Result = wp.types.vector(dim + 1, scalar)
@@ -139,6 +142,16 @@ def signed_distance(dim: int, scalar: type, kinds: tuple[str, ...]):
         return result(wp.normalize(to_side), wp.length(to_side))
 
     shapes = {"Plane": plane, "Sphere": sphere, "Box": box, "Capsule": capsule, "Cone": cone}
+    if round_particles:
+        distance_from = signed_distance(dim, scalar, kinds)
+
+        @wp.func
+        def round_distance(s: Solids, p: int, x: V) -> Result:
+            found = distance_from(s, p, x)
+            found[wp.static(dim)] = found[wp.static(dim)] - s.margin
+            return found
+
+        return round_distance
     if not several:
         return shapes[kinds[0]]
 

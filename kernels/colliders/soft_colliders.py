@@ -31,11 +31,10 @@ class SoftTerm(NamedTuple):
 
 
 @functools.cache
-def soft_data(dim: int, scalar: type):
-    """Compose the struct of soft obstacles."""
+def soft_data(dim: int, scalar: type, round_particles: bool = False):
+    """Compose the struct of soft obstacles; for `round_particles`, which have a radius against them."""
     Solids = solids(dim, scalar)
 
-    @wp.struct
     class SoftData:
         count: int
         solids: Solids
@@ -46,15 +45,18 @@ def soft_data(dim: int, scalar: type):
         dissipation: wp.array(dtype=scalar)  # c [s/m]
         friction: wp.array(dtype=scalar)  # μ
         rest_speed: wp.array(dtype=scalar)  # [m/s]
+        if round_particles:
+            radius: wp.array(dtype=scalar)  # of each particle [m]
 
-    return SoftData
+    SoftData.__qualname__ += "Round" * round_particles
+    return wp.struct(SoftData)
 
 
 @functools.cache
-def soft_force(dim: int, scalar: type, kinds: tuple[str, ...]):
+def soft_force(dim: int, scalar: type, kinds: tuple[str, ...], round_particles: bool = False):
     """Compose (push, numbers) of obstacle p: the force on a particle of inverse mass w [N]; p's parameters."""
-    V, Numbers, SoftData = vector(dim, scalar), vector(5, scalar), soft_data(dim, scalar)
-    distance_from = signed_distance(dim, scalar, kinds)
+    V, Numbers, SoftData = vector(dim, scalar), vector(5, scalar), soft_data(dim, scalar, round_particles)
+    distance_from = signed_distance(dim, scalar, kinds, round_particles)
     zero, one, half, two = (scalar(number) for number in (0.0, 1.0, 0.5, 2.0))
 
     @wp.func
@@ -83,16 +85,18 @@ def soft_force(dim: int, scalar: type, kinds: tuple[str, ...]):
 
 
 @functools.cache
-def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, ...]) -> SoftTerm:
-    """Compose a scene's soft obstacles, given their kinds."""
+def soft_colliders(
+    dim: int, scalar: type, compensated: bool, kinds: tuple[str, ...], round_particles: bool = False
+) -> SoftTerm:
+    """Compose a scene's soft obstacles, given their kinds, and whether any particle has a radius against them."""
     V, Instant, position = (
         vector(dim, scalar),
         instant(dim, scalar, compensated),
         position_of(dim, scalar, compensated),
     )
-    Data, load = soft_data(dim, scalar), records(dim, scalar).load
-    push, numbers = soft_force(dim, scalar, kinds)
-    distance_from = signed_distance(dim, scalar, kinds)
+    Data, load = soft_data(dim, scalar, round_particles), records(dim, scalar).load
+    push, numbers = soft_force(dim, scalar, kinds, round_particles)
+    distance_from = signed_distance(dim, scalar, kinds, round_particles)
     Block: Any = wp.types.matrix((dim, dim), wp.float64)
 
     @wp.func
@@ -100,6 +104,8 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
         x_i = position(now.compensation, now.x, i)
         v_i = load(now.v, i)
         total = V()
+        if wp.static(round_particles):
+            data.solids.margin = data.radius[i]
         for p in range(data.count):
             if distance_from(data.solids, p, x_i)[wp.static(dim)] < scalar(0.0):
                 total += push(data, p, numbers(data, p), x_i, v_i, now.inverse_mass[i])
@@ -140,6 +146,8 @@ def soft_colliders(dim: int, scalar: type, compensated: bool, kinds: tuple[str, 
         if w > scalar(0.0):
             x_i = x[world * stride + i]
             v_i = v[world * stride + i]
+            if wp.static(round_particles):
+                data.solids.margin = data.radius[i]
             for p in range(data.count):
                 depth = -wp.float64(distance_from(data.solids, p, x_i)[wp.static(dim)])
                 if depth > wp.float64(0.0):

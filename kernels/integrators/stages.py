@@ -219,7 +219,8 @@ def finish(composition: Composition):
     obstacles in which they start.
     """
     V, _, Compensation, _, store, add = tools(composition)
-    Colliders, collide, moving, contact_forces, overlapping_at_start, spares = composition.collider_term
+    Colliders, collide, *how = composition.collider_term
+    moving, contact_forces, overlapping_at_start, spares, round_particles = how
     scalar, compensated, pinned = composition.scalar, composition.compensated, composition.pinned
     Wide = vector(composition.dim, wp.float64)
 
@@ -237,6 +238,8 @@ def finish(composition: Composition):
                     return x_new, v_new
             if wp.static(moving):
                 colliders.particle = i
+            if wp.static(round_particles):
+                colliders.solids.margin = colliders.radius[i]
             x_free = x_new
             if wp.static(contact_forces):
                 v_free = v_new

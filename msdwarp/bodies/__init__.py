@@ -9,6 +9,7 @@ from .contact_surfaces import (
     contact_surfaces,
     facet_moments,
     spring_means,
+    without_surface,
 )
 from .dampers import LINEAR, CoulombDamper, Damper, OwnDamper, QuadraticDamper, UnknownDamper
 from .device_functions import check_types

@@ -235,6 +235,15 @@ def behind_surfaces(system: System) -> NDArray[np.bool_]:
     return np.isin(body, body[particle[(weight != 0).sum(axis=1) > 1, 0]])
 
 
+def without_surface(system: System) -> NDArray[np.bool_]:
+    """Return a mask of particles in bodies that have no surface, shape [particle_count]."""
+    if system.surface is None:
+        return np.ones(system.particle_count, dtype=bool)
+    particle, weight, _ = different_vertices(system.surface)
+    body = pieces(system.particle_count, system.connections)
+    return ~np.isin(body, body[particle[weight != 0]])
+
+
 def spring_means(
     system: System, body_of_particle: NDArray[np.integer], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:

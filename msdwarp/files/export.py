@@ -46,8 +46,6 @@ def export(
     checks.one_of("to", to, (*_MESHES, *_WHOLE))
     if path.suffix != f".{to}":
         raise ValueError(f"path is {path}; it must end in .{to}, as the format does")
-    if to != "npz" and trajectory.system.surface is None and not trajectory.system.connection_count:
-        raise ValueError("the trajectory has neither a surface nor connections: only npz can hold it")
     if to != "npz" and draw is None:
         raise ValueError(f"draw is None; where to is {to!r} it must be a function that draws frames")
     if to == "usd" and importlib.util.find_spec("pxr") is None:

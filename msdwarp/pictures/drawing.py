@@ -14,7 +14,7 @@ from ..bodies import AXES, Surface, System, in_space
 from ..kernels.pictures import drawing
 from ..runtime import ReleasedInTurn, in_turn
 from ..shapes import Section
-from ..world import FINISHES, Look, Scene
+from ..world import FINISHES, Look, Scene, radii
 from .collider_meshes import meshes, walls
 from .dressing import (
     OBSTACLES,
@@ -25,6 +25,8 @@ from .dressing import (
     outermost_connections,
     part_of,
     particles_of,
+    single_particles,
+    size_of_grains,
     torn,
     uncovered,
 )
@@ -46,6 +48,8 @@ FULL_STRAIN = 0.2
 """Default strain at the ends of the color scale of strain."""
 ROUND, MOST_JOINTS = 8, 2000
 """Sides of the tubes of ropes; maximal number of joints with balls of 42 vertices, else of 12."""
+MOST_GRAINS = (50, 500, 5000)
+"""Maximal numbers of single particles that are balls of 642, 162 and 42 vertices; more have 12."""
 
 
 class ColorScale(NamedTuple):
@@ -71,7 +75,8 @@ class Drawing(ReleasedInTurn):
 
     Drawn are the system's surface, and tubes along springs between bodies or of bodies without surface. If colors
     show strain, or there is neither a surface nor a look of a group, tubes along all springs are drawn instead,
-    and in small systems balls at particles. Solid colliders come last. A spring disappears when it breaks
+    and in small systems balls at particles. Single particles, which nothing joins, are balls of their radius in
+    contact, or of a radius that fits them. Solid colliders come last. A spring disappears when it breaks
     (`System.broken_at`). If `bodies` names groups, only these are drawn, and no obstacles unless it names
     "obstacles".
 
@@ -94,10 +99,11 @@ class Drawing(ReleasedInTurn):
     ) -> None:
         system, look = scene.system, scene.look
         self.by_value = isinstance(coloring, ColorScale)
-        bare = system.surface is None
+        bare = system.surface is None and system.connection_count > 0
         plain = not scene.looks and not look.says_color
         self.shows_strain = coloring == "strain" or (bare and plain and not self.by_value)
         self._plain_tubes = self.shows_strain or (bare and self.by_value)
+        self._radius = radii(scene.contact_rules, system)
         self._full_strain = FULL_STRAIN if look.full_strain is None else look.full_strain
         self.stops = drawing.VALUE_STOPS if self.by_value else drawing.STRAIN_STOPS
         self._stops = wp.array(self.stops, dtype=wp.vec3, device=device)
@@ -197,6 +203,7 @@ class Drawing(ReleasedInTurn):
             parted_at = None if parted_at is None else parted_at[source]
             inside, until = section.inside(clipped)
         of_inside = looks_of(inside)
+        alone = single_particles(system)
         body: list[Part] = []
         for k, (name, look) in enumerate((("body", scene.look), *scene.looks.items())):
             before = len(body)
@@ -221,14 +228,31 @@ class Drawing(ReleasedInTurn):
                 last = None if until is None else until[mine]
                 body.append(SurfacePart(part_of(inside, mine), crumb, True, self.device, last))
             own = shown[of_connection == k]
-            particles = np.flatnonzero((of_particle == k) & remain)
+            particles = np.flatnonzero((of_particle == k) & remain & ~alone)
+            grains = np.flatnonzero((of_particle == k) & remain & alone)
             if self._plain_tubes and len(own) + len(particles):
                 body += self._tubes_and_balls(system, look, own, particles)
             elif len(own):
                 body += self._ropes(system, look, own, finish._replace(texture=None))
+            if len(grains):
+                body += self._grains(system, look, grains, finish._replace(texture=None))
             for part in body[before:]:
                 part.name = name
         return body
+
+    def _grains(self, system: System, look: Look, grains: NDArray, finish: Finish) -> list[Part]:
+        """Return single particles as balls, in the color of a look, or dark where colors show strain."""
+        radius = self._radius[grains]
+        if not radius.all():
+            radius[radius == 0] = look.tube or size_of_grains(system, single_particles(system))
+        if self.shows_strain:
+            finish = Finish(np.array(INK))
+        halvings = sum(len(grains) <= most for most in MOST_GRAINS)
+        parts: list[Part] = []
+        for one in np.unique(radius):
+            parts.append(Balls(grains[radius == one], one, finish, self.device, halvings))
+            parts[-1].is_one_body = True
+        return parts
 
     def _tubes_and_balls(self, system: System, look: Look, shown: NDArray, particles: NDArray) -> list[Part]:
         """Return springs as thin tubes, with dark balls at the particles of small systems.
@@ -259,8 +283,9 @@ class Drawing(ReleasedInTurn):
 
     def _ropes(self, system: System, look: Look, shown: NDArray, finish: Finish) -> list[Part]:
         """Return springs as round tubes in the color of a look, with balls where they meet."""
-        unit = self._unit(system, look, shown)
         joints = np.unique(system.connections[shown])
+        radius = self._radius[joints].max() if look.tube is None else 0.0
+        unit = radius / TUBE or self._unit(system, look, shown)
         halvings = 1 if len(joints) <= MOST_JOINTS or look.particles else 0
         balls = Balls(joints, (BALL if look.particles else TUBE) * unit, finish, self.device, halvings)
         tubes = self._tubes(system, unit, shown, finish, ROUND)

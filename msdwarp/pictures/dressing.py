@@ -15,6 +15,10 @@ from ..world import Look, Scene
 
 OBSTACLES = "obstacles"
 """Name that stands for all obstacles where bodies are chosen by name."""
+DENSITY, SAMPLED = 1000.0, 200
+"""Density of grains whose size nothing says [kg/m³]; about how many tell how far apart they are."""
+PINNED_ALONE = 0.05
+"""Radius of a single pinned particle in an empty scene [m]."""
 
 
 def look_of_particles(scene: Scene) -> NDArray[np.int32]:
@@ -119,6 +123,30 @@ def uncovered(system: System) -> NDArray[np.bool_]:
     first, second = body_of[rest.T]
     bare[in_none] = ~covered[first] | (first != second)
     return bare
+
+
+def single_particles(system: System) -> NDArray[np.bool_]:
+    """Return a mask of particles without connections that carry no surface, shape [particle_count]."""
+    alone = ~mask_of(system.connections.ravel(), system.particle_count)
+    if system.surface is not None:
+        particle, weights = (each[np.unique(system.surface.triangles)] for each in system.surface.mixture)
+        alone &= ~mask_of(particle[weights != 0], system.particle_count)
+    return alone
+
+
+def size_of_grains(system: System, alone: NDArray[np.bool_]) -> float:
+    """Return a radius for single particles whose size nothing says [m]: so large that hardly any overlap.
+
+    It is half of the median distance from the nearest other one, at most that of a ball of water of their mass.
+    """
+    mass, places = system.mass[alone], system.position[alone]
+    mass = mass[np.isfinite(mass)]
+    water = np.cbrt(np.median(mass) * 0.75 / np.pi / DENSITY) if len(mass) else np.inf
+    asked = places[:: 1 + len(places) // SAMPLED]
+    away = np.linalg.norm(asked[:, None] - places, axis=2)
+    nearest = np.where(away > 0, away, np.inf).min(axis=1)
+    size = min(float(water), 0.5 * float(np.median(nearest)))
+    return size if np.isfinite(size) else PINNED_ALONE
 
 
 def outermost_connections(system: System, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -45,6 +45,7 @@ class Part:
     of_rope = (
         False  # whether curves can take its place: tubes of a rope, and balls that fill the gaps between them
     )
+    is_one_body = False  # whether files of other programs have its pieces as one mesh, as of sand
     closed = True  # whether back faces are always hidden
     mixture: tuple[wp.array, wp.array]  # particles and weights of each vertex, shape [vertex_count, k]
     corners = 3  # vertices of each piece: of a tube, of a ball, or of a triangle that may part

@@ -3,7 +3,7 @@
 from .actuators import Actuator, StrainRows
 from .attachments import Attachment, MouseSpring as MouseSpring
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
-from .contact import Contact
+from .contact import Contact, radii
 from .drives import Driven, PrescribedMotion, bound, driven_particles
 from .gravity import Falling, Gravity, gravity_at, gravity_in_words, with_potential
 from .loads import ElementLoad, Force, Load, check_loads, differ_in_values, is_device_function

@@ -1,12 +1,15 @@
 """Contact: rules for contact between bodies."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .. import checks
-from ..bodies import System
+from ..bodies import System, without_surface
 from .loads import Load
 
 
@@ -37,7 +40,8 @@ class Contact(Load):
     thickness
         Distance of two bodies' meshes at which they touch [m], above 0. By default solid bodies, whose meshes are
         1/4 of their spacing below the drawn surface, touch where they are drawn, sheets are 1/4 of their spacing
-        thick, and ropes 1/2. Single particles that touch each other need a value.
+        thick, and ropes 1/2. Single particles that touch each other need a value. Half of a value also is the
+        radius at which obstacles meet what has no surface, such as grains and ropes.
     stiffness
         Stiffness of a contact [N/m]. By default about that of one more layer of connections: the harmonic mean of
         both bodies' mean stiffness. Single particles have no springs, so they need a value.
@@ -113,6 +117,20 @@ class Contact(Load):
             raise ValueError(f"contact is requested in {system.dim} dimensions; it exists in three only")
         for name in self.groups or ():
             checks.one_of("a name in contact.groups", name, system.groups)
+
+
+def radii(rules: Sequence[Contact], system: System) -> NDArray[np.float64]:
+    """Return the radius of each particle against obstacles [m], shape [particle_count].
+
+    In bodies without a surface, such as grains and ropes, it is half of the thickness that a rule gives for
+    contact among them; if several do, the last one counts. In all others it is 0.
+    """
+    radius = np.zeros(system.particle_count)
+    for one in rules:
+        if one.thickness is not None:
+            among = [system.group(name) for name in one.groups or ()]
+            radius[np.logical_and(*among) if among else slice(None)] = 0.5 * one.thickness
+    return radius * without_surface(system) if radius.any() else radius
 
 
 def restitution_of(damping_ratio: float) -> float:

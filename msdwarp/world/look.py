@@ -122,10 +122,12 @@ class Look:
     full_strain
         Strain drawn in full red; minus this is drawn in full blue. None: fitted to the run, or 0.2.
     particles
-        Draw particles as balls. None: unless there are too many. If connections have the body's color, the balls
-        are no thicker than the connections.
+        Draw the particles of connections as balls. None: unless there are too many. If connections have the body's
+        color, the balls are no thicker than the connections. Single particles always are balls.
     tube
-        Radius of drawn connections, such as ropes [m]. None: a fraction of their rest length.
+        Radius of drawn connections, such as ropes, and of single particles that no `Contact` gives a thickness
+        [m]. None: half of the thickness that a `Contact` gives; else a fraction of the rest length, and for single
+        particles what fits between them.
     """
 
     color: str = "#d9603b"

@@ -65,7 +65,7 @@ class Scene(Problem):
     Raises
     ------
     ValueError
-        If an argument has the wrong number of coordinates, or there is nothing to draw.
+        If an argument has the wrong number of coordinates.
     """
 
     duration: float = 4.0
@@ -96,11 +96,6 @@ class Scene(Problem):
                 raise ValueError(
                     f"observe[{name!r}] is {checks.repr_short(one)}; it must be a function (position, velocity)"
                 )
-        if self.system.surface is None and not self.system.connection_count:
-            raise ValueError(
-                "system has neither a surface nor connections: there is nothing to draw; Simulation(system, ...) "
-                "takes it without a Scene"
-            )
 
     def _checked_looks(self) -> dict[str, Look]:
         """Return the looks of groups; raise ValueError for an unknown group, or a field of the whole picture."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .. import checks
 from ..bodies import System
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
+from .contact import Contact, radii
 from .gravity import Gravity, with_potential
 from .look import Look, Viewpoint
 from .motion import displacement_and_turn
@@ -66,6 +67,9 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
         ],
         "schedule": _schedule_as_stored(scene, arrays),
     }
+    if radii(scene.contact_rules, scene.system).any():  # which pictures show
+        given = [one for one in scene.contact_rules if one.thickness is not None]
+        described["thickness"] = [{"thickness": one.thickness, "groups": one.groups} for one in given]
     return described, arrays
 
 
@@ -81,6 +85,7 @@ def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapp
             look=_look(described["look"], "look", arrays),
             looks={one["group"]: _look(one["look"], f"looks/{k}", arrays) for k, one in enumerate(looks)},
             schedule=[_change(one, arrays, system.dim) for one in described["schedule"]],
+            contact=[Contact(**one) for one in described.get("thickness", [])],
         )
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"the stored scene is damaged: {error}") from error

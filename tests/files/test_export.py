@@ -16,6 +16,7 @@ from msdwarp.textures import gingham
 pv = pytest.importorskip("pyvista")
 
 SYSTEMS = {"box": box((4, 3, 3)), "plane": sheet((3, 3), dim=2), "ball": ball(1.0, 0.5), "chain": chain(5)}
+SYSTEMS["grains"] = System(position=[[0.0, 0, 0], [1, 0, 0], [0, 1, 1]])
 
 
 @pytest.fixture(params=SYSTEMS)
@@ -160,16 +161,6 @@ def test_nothing_is_replaced_without_force(tmp_path, trajectory):
         export(trajectory, tmp_path / "b.obj", "obj", draw=drawing_of(trajectory))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.vtkhdf", "b_0003.obj"]
     assert len(export(trajectory, tmp_path / "b.obj", "obj", force=True, draw=drawing_of(trajectory))) == 6
-
-
-def test_particles_alone_hold_nothing_to_draw(tmp_path):
-    system = System(position=[[0.0, 0, 0], [1, 0, 0]])
-    with TrajectoryWriter(tmp_path / "a.vtkhdf", system, fps=30) as writer:
-        writer.write((0.0, system.position, system.velocity))
-    with Trajectory(writer.path) as found:
-        with pytest.raises(ValueError, match="neither a surface nor connections"):
-            export(found, tmp_path / "b.obj", "obj")
-        assert export(found, tmp_path / "b.npz", "npz")
 
 
 @pytest.mark.parametrize("to", ["obj", "stl", "ply", "glb", "npz"])

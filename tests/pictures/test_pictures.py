@@ -283,11 +283,6 @@ def test_a_scene_can_ask_for_strain_colors(scene):
         assert renderer.drawing.colors_move == wanted
 
 
-def test_a_scene_of_nothing_to_draw_is_refused():
-    with pytest.raises(ValueError, match=r"neither a surface nor connections.*Simulation\(system"):
-        msd.Scene(system=msd.System(position=[[0, 0, 0]]))
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 @pytest.mark.parametrize("backend", BACKENDS)

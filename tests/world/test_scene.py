@@ -9,7 +9,7 @@ import pytest
 
 import msdwarp as msd
 from msdwarp import Contact, Plane, Scene, Simulation, Wind, at, box, chain
-from msdwarp.world import scene_as_stored, scene_from_stored
+from msdwarp.world import radii, scene_as_stored, scene_from_stored
 
 SCENE = Scene(system=box((2, 2, 2)), colliders=[Plane()], loads=[Wind((1, 0, 0))], contact=Contact(friction=0.3))
 
@@ -112,6 +112,15 @@ def test_a_file_keeps_where_the_camera_is_aimed_and_says_nothing_of_what_earlier
         assert (found.target, found.distance, found.follow) == (look.target, look.distance, look.follow)
     described, _ = scene_as_stored(msd.Scene(system=BODIES), [0.0])
     assert not {"target", "distance", "follow", "finish"} & described["look"].keys()
+
+
+def test_a_file_keeps_the_size_of_grains():
+    sand = msd.System(position=[[0, 0, 3.0], [0, 0, 4.0]]).named("sand")
+    rule = msd.Contact(groups=("sand", "sand"), thickness=0.04, stiffness=100.0)
+    found = stored_and_back(msd.Scene(system=BODIES + sand, contact=[msd.Contact(exclude=True), rule]))
+    assert radii(found.contact_rules, found.system).tolist() == [0.0] * BODIES.particle_count + [0.02] * 2
+    described, _ = scene_as_stored(msd.Scene(system=BODIES, contact=msd.Contact()), [0.0])
+    assert "thickness" not in described
 
 
 def test_a_file_from_before_there_were_looks_of_bodies_opens():

@@ -95,6 +95,8 @@ def bodies_of(drawing: Drawing, parts: Sequence[Part], scene: Scene, *, curves: 
             continue
         particle, weights = (each.numpy() for each in part.mixture)
         of_triangle = (joined if part.radius else bodies)[particle[triangles[:, 0], 0]]
+        if part.is_one_body:
+            of_triangle = np.full(len(triangles), part.vertices.start)
         for body in np.unique(of_triangle):
             mine = np.flatnonzero(of_triangle == body)
             vertices, corners = np.unique(triangles[mine], return_inverse=True)

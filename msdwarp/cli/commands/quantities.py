@@ -58,12 +58,13 @@ def _full_strain(scene: Scene, trajectory: Trajectory, pictures: Pictures, shown
     system = scene.system
     some = slice(None, None, max(1, system.connection_count // 5000))
     pairs, rest_length = system.connections[some], system.rest_length[some]
-    sizes = []
+    sizes = [np.zeros(0)]
     for k in list(shown)[:: max(1, len(shown) // 100)]:
         strain = np.abs(lengths(trajectory.positions[k].astype(np.float64), pairs) / rest_length - 1)
         # Broken springs are not drawn.
         sizes.append(strain[system.broken_at[some] > trajectory.times[k]] if system.tears else strain)
-    return round_up(float(np.quantile(np.concatenate(sizes), 0.99)) if sizes else 0.0)
+    strains = np.concatenate(sizes)
+    return round_up(float(np.quantile(strains, 0.99)) if len(strains) else 0.0)
 
 
 def arrows(trajectory: Trajectory, shown: Sequence[int]) -> tuple[FrameArray, float]:

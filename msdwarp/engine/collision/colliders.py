@@ -29,9 +29,9 @@ class Colliders(FrameTables):
 
     `colliders` must have a rigid obstacle; the rigid ones act on a particle in the given order, by the `rule`
     "coulomb" or "report"; see `msdwarp.kernels.colliders.contact_rule`. If `contact_forces`, the forces of
-    obstacles on particles are summed in `data.impulse`. `spared` marks particles that obstacles ignore, shape
-    [particle_count]; see `SurfaceContact`. Raises ValueError if an entry is no collider, or has another number of
-    dimensions than the system.
+    obstacles on particles are summed in `data.impulse`. `spared` marks particles that obstacles ignore, see
+    `SurfaceContact`, and `radius` is that of each particle [m]; both have the shape [particle_count]. Raises
+    ValueError if an entry is no collider, or has another number of dimensions than the system.
     """
 
     def __init__(
@@ -41,6 +41,7 @@ class Colliders(FrameTables):
         rule: str,
         contact_forces: bool = False,
         spared: NDArray[np.bool_] | None = None,
+        radius: NDArray[np.float64] | None = None,
     ) -> None:
         self._numbers = [k for k, collider in enumerate(colliders) if collider.stiffness is None]
         """Indices of the rigid obstacles among the scene's obstacles."""
@@ -56,20 +57,25 @@ class Colliders(FrameTables):
         kinds = self.kinds = tuple(sorted({type(one).__name__ for one in colliders}, key=KINDS.index))
         self.spared = np.zeros(model.particle_count, dtype=bool) if spared is None else spared
         """Which particles obstacles ignore."""
+        self.radius = np.zeros(model.particle_count) if radius is None else radius
+        """Radii of the particles against obstacles [m]."""
         free, spares = np.isfinite(model.mass) & ~self.spared, bool(self.spared.any())
-        inside, self.leads_out = _deepest(model, colliders, free), rule == "coulomb"
+        inside, self.leads_out = _deepest(model, colliders, free, self.radius), rule == "coulomb"
         self.overlap = inside > 0.0
         """Whether a free particle starts inside an obstacle."""
         self._deepest = inside if self.leads_out else 0.0
         self.overlapping_at_start, self._release_time = self._deepest > 0.0, DEPENETRATION_TIME
-        self._put_out = _put_out(model, colliders, free) if inside > self._deepest else None
+        self._put_out = _put_out(model, colliders, free, self.radius) if inside > self._deepest else None
         how = self.moves, contact_forces, self.overlapping_at_start
-        composed = collider_contact(model.dim, model.scalar, rule, kinds, len(colliders) > 1, *how)
-        self.piece = ColliderTerm(*composed, *how, spares)
+        several, round_particles = len(colliders) > 1, bool(self.radius.any())
+        composed = collider_contact(model.dim, model.scalar, rule, kinds, several, *how, round_particles)
+        self.piece = ColliderTerm(*composed, *how, spares, round_particles)
         self.contact_forces = contact_forces
         data = self.data = self.piece.Colliders()
         if spares:
             data.spared = wp.array(self.spared.astype(np.int32), device=self._device)
+        if round_particles:
+            data.radius = wp.array(self.radius, dtype=model.scalar, device=self._device)
         if self.overlapping_at_start:
             data.inverse_mass = self._inverse_mass
         if self.moves:
@@ -166,20 +172,22 @@ class Colliders(FrameTables):
         return self.moves
 
 
-def _deepest(model: Model, colliders: Sequence[Collider], free: NDArray[np.bool_]) -> float:
+def _deepest(model: Model, colliders: Sequence[Collider], free: NDArray[np.bool_], radius: NDArray) -> float:
     """Return the largest depth of a free particle in an obstacle at the start [m]; 0 if none is inside."""
     places = model.system.position[free]
-    deepest = float(start_depths(places, colliders).max(initial=0.0))
+    deepest = float(start_depths(places, colliders, radius[free]).max(initial=0.0))
     return deepest if deepest > touching(model.system) else 0.0
 
 
-def _put_out(model: Model, colliders: Sequence[Collider], free: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _put_out(
+    model: Model, colliders: Sequence[Collider], free: NDArray[np.bool_], radius: NDArray
+) -> NDArray[np.float64]:
     """Return the positions of particles after moving free ones inside obstacles onto their surfaces [m]."""
     position = np.array(model.system.position)
     for collider in colliders:
-        inside = free & (start_depths(position, [collider])[0] > 0)
+        inside = free & (start_depths(position, [collider], radius)[0] > 0)
         if inside.any():
-            position[inside] += ways_out(position[inside], collider)
+            position[inside] += ways_out(position[inside], collider, radius[inside])
     return position
 
 

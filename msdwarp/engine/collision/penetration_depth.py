@@ -31,17 +31,20 @@ def describe(data: Any, colliders: Sequence[Collider], dim: int, scalar: Any, de
     data.kind = wp.array([KINDS.index(type(one).__name__) for one in colliders], dtype=int, device=device)
 
 
-def start_depths(position: NDArray[np.float64], colliders: Sequence[Collider]) -> NDArray[np.float64]:
-    """Return the depths of points, shape [count, dim], in each obstacle at the start [m].
+def start_depths(
+    position: NDArray[np.float64], colliders: Sequence[Collider], radius: Any = 0.0
+) -> NDArray[np.float64]:
+    """Return the depths of balls around points, shape [count, dim], in each obstacle at the start [m].
 
-    Shape [collider_count, count]; negative outside, and −inf for soft obstacles, which particles may enter.
+    Shape [collider_count, count]; negative outside, and −inf for soft obstacles, which particles may enter. The
+    balls have a `radius` [m], or one each.
     """
     dim = position.shape[1]
     depths = np.full((len(colliders), len(position)), -np.inf)
     for k, (collider, geometry) in enumerate(zip(colliders, geometries(colliders, dim), strict=True)):
         if collider.stiffness is None:
             turn, shift = collider.pose(0.0, dim)
-            depths[k] = -_distances(collider, geometry, (position - shift) @ turn)
+            depths[k] = radius - _distances(collider, geometry, (position - shift) @ turn)
     return depths
 
 
@@ -76,9 +79,9 @@ def _distances(collider: Collider, geometry: Mapping[str, Any], x: NDArray[np.fl
     return np.where((side <= 0.0) & (end <= 0.0), np.maximum(side, end), outside)
 
 
-def ways_out(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:
-    """Return the shortest displacement from each point inside an obstacle to outside [m]; 0 if ambiguous."""
-    return start_depths(position, [collider])[0][:, None] * outward_normals(position, collider)
+def ways_out(position: NDArray[np.float64], collider: Collider, radius: Any = 0.0) -> NDArray[np.float64]:
+    """Return the shortest displacement from each ball inside an obstacle to outside [m]; 0 if ambiguous."""
+    return start_depths(position, [collider], radius)[0][:, None] * outward_normals(position, collider)
 
 
 def outward_normals(position: NDArray[np.float64], collider: Collider) -> NDArray[np.float64]:

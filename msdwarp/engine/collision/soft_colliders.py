@@ -18,17 +18,21 @@ NUMBERS = ("stiffness", "ramp", "dissipation", "friction", "rest_speed")
 
 
 class SoftColliders(Effect):
-    """The soft obstacles among the colliders of a scene: those that have a stiffness."""
+    """The soft obstacles among the colliders of a scene: those that have a stiffness.
+
+    `radius` is that of each particle against them [m], shape [particle_count].
+    """
 
     conserves = True
 
-    def __init__(self, model: Model, colliders: Sequence[Collider]) -> None:
+    def __init__(self, model: Model, colliders: Sequence[Collider], radius: NDArray[np.float64]) -> None:
         self._soft = [(k, one) for k, one in enumerate(colliders) if one.stiffness is not None]
         soft = [one for _, one in self._soft]
         self._model = model
         self.kinds = tuple(sorted({type(one).__name__ for one in soft}, key=KINDS.index))
         """The kinds of obstacles, as in `msdwarp.kernels.colliders`."""
-        self._composed = soft_colliders(model.dim, model.scalar, model.compensated, self.kinds)
+        how = model.dim, model.scalar, model.compensated, self.kinds, bool(radius.any())
+        self._composed = soft_colliders(*how)
         self.piece = self._composed.piece
         model.kernels.note(self._composed.add_blocks, self._composed.measure)
         data = self.data = self.piece.Data()
@@ -36,6 +40,8 @@ class SoftColliders(Effect):
         describe(data.solids, soft, model.dim, model.scalar, model.device)
         numbers = {name: np.array([getattr(one, name) for one in soft], dtype=np.float64) for name in NUMBERS}
         upload_fields(data, model.device, **numbers)
+        if radius.any():
+            upload_fields(data, model.device, radius=radius)
         self._stiffness = float(numbers["stiffness"].max())
         self._damped = float(numbers["dissipation"].any())
 

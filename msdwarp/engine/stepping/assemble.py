@@ -21,6 +21,7 @@ from ...world import (
     Load,
     Problem,
     driven_particles,
+    radii,
 )
 from ..collision.body_contact import BodyContact
 from ..collision.colliders import Colliders
@@ -67,7 +68,8 @@ def _colliders(model: Model, problem: Problem, asked: Asked) -> Colliders | None
         return None
     summed = asked.contact_forces or problem.measures(CONTACT_FORCE, WRENCH)
     spared = behind_surfaces(model.system) if any(one.surface_colliders for one in problem.contact_rules) else None
-    return Colliders(model, problem.colliders, asked.collider_rule, summed, spared)
+    radius = radii(problem.contact_rules, model.system)
+    return Colliders(model, problem.colliders, asked.collider_rule, summed, spared, radius)
 
 
 def _soft_colliders(model: Model, problem: Problem, asked: Asked) -> SoftColliders | None:
@@ -75,7 +77,7 @@ def _soft_colliders(model: Model, problem: Problem, asked: Asked) -> SoftCollide
         return None
     if asked.contact_forces or problem.measures(CONTACT_FORCE, WRENCH):
         raise ValueError("contact forces are asked for, and colliders has soft ones, which do not have them yet")
-    return SoftColliders(model, problem.colliders)
+    return SoftColliders(model, problem.colliders, radii(problem.contact_rules, model.system))
 
 
 def _body_contact(model: Model, problem: Problem, asked: Asked) -> BodyContact | None:
@@ -308,16 +310,16 @@ def assemble_worlds(problem: Problem, worlds: int, rows: Rows, **options: Any) -
             "force_algorithm is 'stencil', and the system can tear; where the constants of connections differ "
             "between worlds, it must be another"
         )
-    _check_starts(model, problem.rigid_colliders)
+    if assembly.colliders is not None:
+        _check_starts(model, problem.rigid_colliders, assembly.colliders.radius)
     return assembly
 
 
-def _check_starts(model: Model, colliders: Sequence[Collider]) -> None:
+def _check_starts(model: Model, colliders: Sequence[Collider], radius: NDArray) -> None:
     """Raise ValueError if worlds that differ start inside obstacles, since all worlds share one depenetration."""
-    if not colliders or not {"position", "rest_length", "mass"} & model.rows.keys():
+    if not {"position", "rest_length", "mass"} & model.rows.keys():
         return
-    positions = model.row_of("position")
-    depths = start_depths(positions.reshape(-1, model.dim), colliders).max(axis=0).reshape(positions.shape[:2])
+    depths = np.array([start_depths(x, colliders, radius).max(axis=0) for x in model.row_of("position")])
     depths = np.where(np.isfinite(model.row_of("mass")).any(axis=0), depths, 0.0)
     if depths.max() > touching(model.system):
         row, particle = np.unravel_index(np.argmax(depths), depths.shape)

@@ -118,7 +118,54 @@ class CpuPartition(Launcher):
         inner, self._launches = self._launches, outer
         self._launches.append(lambda k: wp.capture_if(condition, lambda: [one(k) for one in inner]))
 
-    def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDArray[np.int64]:
+    def repeat(self, times: int, launch: Callable[[], None]) -> None:
+        """Record launches that each thread runs this many times."""
+        assert self.is_recording
+        outer, self._launches = self._launches, []
+        repeat(self._left[0], times, launch)
+        inner, self._launches = self._launches, outer
+        self._launches.append(lambda k: repeat(self._left[k], times, lambda: [one(k) for one in inner]))
+
+    def _launch(self, launch: Callable[[int], None]) -> None:
+        self._launches.append(launch)
+        launch(0)
+
+    def _launch_barrier(self, k: int) -> None:
+        wp.launch(wait_for_all, 1, [self._parts[k]], device=self._barrier.device)
+
+    def _launch_all(self, k: int) -> None:
+        for launch in self._launches:
+            launch(k)
+
+    def record(self, launch_frame: Callable[[], None]) -> "PartitionedGraph":
+        """Record a frame: all launches for the first thread, and the parts of the others."""
+        self._launches, self.is_recording = [], True
+        try:
+            graphs = [record(launch_frame, self._barrier.device)]
+        finally:
+            self.is_recording = False
+        for k in range(1, self.threads):
+            graphs.append(record(partial(self._launch_all, k), self._barrier.device))
+        return PartitionedGraph(graphs, self._barrier, self._launches)
+
+
+class PartitionedGraph:
+    """A recorded frame: a graph for each thread."""
+
+    def __init__(self, graphs: list[Any], barrier: wp.array, launches: Any) -> None:
+        self._graphs, self._barrier = graphs, barrier.numpy()
+        self._alive = barrier, launches  # the graphs read this memory
+
+    def replay(self) -> None:
+        """Replay all graphs, each on a thread of its own; return when all are done."""
+        replay_together(self._graphs, partial(self._barrier.fill, 0), self._abort)
+
+    def _abort(self) -> None:
+        """Make all threads leave their barriers, because one has failed."""
+        self._barrier[ABORT] = 1
+
+
+def divided(particle_count: int, ends: NDArray[np.integer], threads: int) -> NDArray[np.int64]:
     """Return the first particle of each thread, followed by the particle count, shape [threads + 1].
 
     Each thread gets consecutive particles with about the same number of spring ends (`ends`, shape

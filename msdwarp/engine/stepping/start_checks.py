@@ -50,7 +50,8 @@ def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | No
         free = np.isfinite(model.mass) & ~obstacles.spared
         if obstacles.leads_out:
             check_swallowed(model.system, colliders, free)
-        inside = start_inside(model.system, colliders, free, depenetrates=obstacles.leads_out)
+        radius = obstacles.radius
+        inside = start_inside(model.system, colliders, free, radius, depenetrates=obstacles.leads_out)
     displaced = None if drives is None else drives.displaced()
     contacts = filter(None, (assembly.body_contact, assembly.surface_contact))
     overlapping = [effect.overlapping() for effect in contacts]
@@ -62,7 +63,12 @@ def warn_of_start(assembly: Assembly, colliders: Sequence[Collider]) -> str | No
 
 
 def start_inside(
-    system: System, colliders: Sequence[Collider], free: NDArray[np.bool_], *, depenetrates: bool
+    system: System,
+    colliders: Sequence[Collider],
+    free: NDArray[np.bool_],
+    radius: NDArray[np.float64],
+    *,
+    depenetrates: bool,
 ) -> str | None:
     """Return a message about the particle that starts deepest in an obstacle; None if none is inside.
 
@@ -70,13 +76,14 @@ def start_inside(
     """
     if not colliders or not free.any():
         return None
-    depths = start_depths(system.position[free], colliders)
+    depths = start_depths(system.position[free], colliders, radius[free])
     k = int(np.argmax(depths.max(axis=1)))
     allowed = touching(system)
     if depths[k].max() <= allowed:
         return None
     deepest = int(np.argmax(depths[k]))
     particle = int(np.flatnonzero(free)[deepest])
+    of = f", of radius {radius[particle]:.3g} m," if radius[particle] else ""
     count = int((depths.max(axis=0) > allowed).sum())
     others = f" (of {count} that start inside obstacles it is the deepest)" if count > 1 else ""
     tears = ", which may strain its connections" if system.connection_count else ""
@@ -86,7 +93,7 @@ def start_inside(
         else "put onto the surface at once"
     )
     return (
-        f"particle {particle} starts {depths[k][deepest]:.3g} m inside colliders[{k}], a "
+        f"particle {particle}{of} starts {depths[k][deepest]:.3g} m inside colliders[{k}], a "
         f"{type(colliders[k]).__name__}{others}: if it does not move out by itself, it is {way}"
         f"{tears}; move the body or the obstacle apart, or pin what is meant to be inside"
     )
