@@ -50,7 +50,7 @@ class StartWarning(UserWarning):
 
 
 class StepWarning(UserWarning):
-    """Substeps are too long for a function of time: given ones, or all if it is noise."""
+    """Substeps are too long for what happens in one, or very many: the frame takes long, or is not resolved."""
 
 
 class StrainWarning(UserWarning):

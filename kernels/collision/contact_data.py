@@ -121,6 +121,9 @@ def BodyContactData(scalar: type):
         fastest: wp.array(dtype=wp.vec3)  # highest
         # How far each may move before the next search [m]:
         slack: wp.array(dtype=float)  # of vertices, shape [vertex_count]
+        # Least slack of those that have lately moved further than foreseen, else 0, shape [2, vertex_count]:
+        overrun: wp.array2d(dtype=float)  # after other searches, and after one at the start of a frame
+        started: wp.array(dtype=int)  # whether the last search was at the start of a frame, shape [1]
         facet_slack: wp.array(dtype=scalar)  # of facets: that of their fastest corner, shape [facet_count]
         # Bodies:
         moved: wp.array(dtype=float)  # longest path of its vertices since the last search [m]

@@ -167,9 +167,9 @@ def begin_search(scalar: type):
     """Compose the kernel that begins a search at the current positions of vertices, and empties the boxes.
 
     It also sets the slack of each vertex: how far it may move before the next search. The slack is half of the
-    skin; for a fast vertex it is the path in a time of `soon` [s], at most `most` [m], if that is longer. So a
-    fast body lengthens only the lists around it. `after` is the time since the end of the last substep [s]. The
-    threads divide the vertices, groups and bodies.
+    skin; for a fast vertex it is the path in a time of `soon` [s], or its overrun, at most `most` [m], if that is
+    longer. So a fast body lengthens only the lists around it. `after` is the time since the end of the last
+    substep [s]. The threads divide the vertices, groups and bodies.
     """
     Data, (load, store, _) = BodyContactData(scalar), records(3, scalar)
     drift_of = drifts(scalar)
@@ -182,12 +182,14 @@ def begin_search(scalar: type):
         soon: float,
         most: float,
         after: float,
+        starts: int,  # 1 at the start of a frame, else 0
         threads: int,
     ):
         beyond = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         i = grid_thread()
         if i == 0:
             data.neighbors.since[0] = -after
+            data.neighbors.started[0] = starts
             data.neighbors.active_count[0] = 0
             data.neighbors.search_point_count[0] = 0
         drift = drift_of(data)
@@ -195,7 +197,8 @@ def begin_search(scalar: type):
             if i < data.surfaces.x.shape[0]:
                 store(data.neighbors.x_found, i, load(data.surfaces.x, i))
                 fast = wp.length(wp.vec3(load(data.surfaces.v, i)) - drift)
-                data.neighbors.slack[i] = wp.max(0.5 * float(buffer[0]), wp.min(soon * fast, most))
+                far = wp.min(wp.max(soon * fast, data.neighbors.overrun[starts, i]), most)
+                data.neighbors.slack[i] = wp.max(0.5 * float(buffer[0]), far)
             if i < tree.group.shape[0]:
                 tree.group_lower[i] = beyond
                 tree.group_upper[i] = -beyond

@@ -119,7 +119,7 @@ def pairs_of_facets(scalar: type, tangled: bool):
                 for m in range(4):
                     adds = adds and pairs.tangled[vertex_of(vertices, m)] == 0
         k = reserve(pairs.count, 0, int(adds))
-        if adds and k >= pairs.vertices.shape[0]:
+        if adds and (k < 0 or k >= pairs.vertices.shape[0]):
             raise_to(flags, wp.static(PAIRS), float(k + 1))
         elif adds:
             pairs.vertices[k] = vertices

@@ -75,7 +75,7 @@ def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
 
     @wp.func
     def add(pairs: Pairs, at: int, facet: int, found: int, flags: wp.array(dtype=float)):
-        if at < pairs.near_facets.shape[0]:
+        if at >= 0 and at < pairs.near_facets.shape[0]:  # what is below 0 has been counted beyond int32
             pairs.near_facets[at] = wp.vec2i(facet, found)
         else:
             raise_to(flags, wp.static(NEAR_FACETS), float(at + 1))
@@ -230,7 +230,7 @@ def list_tests(scalar: type):
         at = reserve(counts, kind, count_bits(tests))
         left = tests
         while left != wp.uint32(0):
-            if at < list.shape[0]:
+            if at >= 0 and at < list.shape[0]:
                 list[at] = wp.vec3i(two[0], two[1], lowest_bit(left))
             else:
                 raise_to(flags, wp.static(NEAR_FACETS), float(at + 1))

@@ -12,6 +12,9 @@ from ..threads import grid_thread
 from .contact_data import DUE, FORCED, MOVED, NEAR_PATH, PATH, BodyContactData, NearPairs, first_flag
 from .facet_tree import drifts
 
+FURTHER = 1.25
+"""Slack of a vertex that has left its slack, over the path that it has made."""
+
 
 @functools.cache
 def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = False):
@@ -82,6 +85,9 @@ def place_vertices(dim: int, scalar: type, compensated: bool, worlds: bool = Fal
                 beside = moved - slack + 0.5 * skin
                 if not (beside <= flags[at + wp.static(MOVED)]):
                     raise_to(flags, at + wp.static(MOVED), beside)
+                if moved > slack:
+                    n = data.neighbors.started[0]
+                    data.neighbors.overrun[n, i] = wp.max(data.neighbors.overrun[n, i], wp.static(FURTHER) * moved)
                 if moved + ahead * fast > slack and moved < beyond:
                     data.neighbors.due[0] = wp.static(DUE)
             i = next_of_part(i, threads, parts)

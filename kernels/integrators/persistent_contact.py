@@ -66,7 +66,7 @@ def search_in_launch(scalar: type):
         flags: wp.array(dtype=float),
         threads: int,
     ):
-        begin(data, tree, buffer, numbers.soon, numbers.most, 0.0, threads)
+        begin(data, tree, buffer, numbers.soon, numbers.most, 0.0, 0, threads)
         clear(pairs, threads)
         wait()
         box(data, tree, threads)

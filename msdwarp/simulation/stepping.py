@@ -34,11 +34,14 @@ from ..engine import (
     weight,
 )
 from ..integrators import Integrator, StepChoice
-from ..runtime import record
+from ..runtime import record, stop_if_asked
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
 from .divergence_error import Divergence
 from .pinned_staging import PinnedStaging, to_host
 from .track import Track, Tracks, can_judge_late
+
+MANY = 3
+"""A frame that is repeated so often is warned of."""
 
 
 class Stepping:
@@ -240,9 +243,14 @@ class Stepping:
                     self._tracks.ahead = ahead
         fine = self._is_fine(track)
         self.dynamics.pace.learn(self.choice.substeps)
-        # The sum calls every effect. If a neighbour list was too short or too old, the frame is repeated.
-        while sum(effect.is_void() for effect in self.assembly.all):
+        # Every effect is asked. If a neighbour list was too short or too old, the frame is repeated.
+        repeats = 0
+        while void := [effect for effect in self.assembly.all if effect.is_void()]:
             self.go_back()
+            stop_if_asked()
+            repeats += 1
+            if repeats == MANY:
+                void[0].tell_repeats(time, repeats)
             self._take_frame(time, track)
             fine = self._is_fine(track)
         if self.frozen is not None:
@@ -250,6 +258,14 @@ class Stepping:
         elif self.assembly.body_contact is not None:
             self.too_far = self.assembly.body_contact.neighbors.too_far if fine else 0.0
         return fine and not self.too_far
+
+    def _will_be_void(self) -> bool:
+        """Return whether the frame must be repeated, though only part of it has been taken."""
+        void = any(effect.will_be_void() for effect in self.assembly.all)
+        if void:
+            for effect in self.assembly.all:
+                effect.look()
+        return void
 
     def _is_fine(self, track: Track) -> bool:
         """Wait for a frame; return False if it diverged. An ensemble must wait only if bodies may touch."""
@@ -275,7 +291,9 @@ class Stepping:
         part, launch = self._launch_from(track, 0)
         self.dynamics.begin_frame(time)
         try:
-            self.dynamics.pace.take(self.choice.substeps, part, launch, partial(self._launch_from, track))
+            self.dynamics.pace.take(
+                self.choice.substeps, part, launch, partial(self._launch_from, track), self._will_be_void
+            )
             track.found.mark()
             track.time = time
         except BaseException:  # of a signal meanwhile

@@ -9,6 +9,7 @@ from typing import Any, Self
 from .. import checks
 from ..engine import EnergyBalance, rounding_energy, size, weight
 from ..integrators import MOST_SUBSTEPS, StepChoice, UnstableStep
+from ..runtime import stop_if_asked
 from .stepping import Stepping
 
 MOST_RISE = 0.02
@@ -31,6 +32,8 @@ ROUNDED = 1e-4
 """Rounding errors exceed this fraction of the allowance only if they add up; one error is a tenth of it."""
 MOST_REFINEMENT = 64.0
 """The largest refinement that is tried."""
+MUCH = 16.0
+"""A refinement that is warned of."""
 SAME = 0.7
 """If halving the step keeps more than this fraction of a rise, the rise is physical. Order 1 keeps half."""
 SLOW = 0.25
@@ -115,6 +118,8 @@ class StepController:
         """Start without warnings."""
         self.warnings: dict[type[Warning], str] = {}
         """Messages of pending warnings, by class of warning."""
+        self.told = False
+        """Whether the run has been warned of a frame that takes many substeps."""
         self.strained = self.next_look = 0
         """Frames since a check found a large strain, and of these before the next look for inverted cells."""
 
@@ -332,6 +337,7 @@ class StepController:
     ) -> tuple[Stepping, EnergyBalance]:
         """Go back to the frame's start and at least double the substeps; return (stepping, its energy balance)."""
         stepping.go_back()
+        stop_if_asked()
         try:
             choice = stable_choice()
         except UnstableStep as error:
@@ -342,8 +348,21 @@ class StepController:
         self.coarsen_after = min(2 * self.coarsen_after, MOST_PATIENCE) if too_early else PATIENCE
         self.quiet_frames = 0
         self.refinement = max(2 * self.refinement, 2 * stepping.choice.substeps / choice.substeps)
+        self._tell_refinement(stepping)
         stepping = self._with_choice(stepping, choice.refined(self.refinement))
         return stepping, stepping.balance()
+
+    def _tell_refinement(self, stepping: Stepping) -> None:
+        """Warn once, before the wait, if a frame takes far more substeps than stability requires."""
+        if self.refinement >= MUCH and not self.told:
+            self.told = True
+            checks.warn(
+                f"the frame from {stepping.end:.4g} s on takes long: its energy rises unless it has "
+                f"{self.refinement:.0f} times as many substeps as are stable, as motion is too violent for them; "
+                "let bodies start nearer to their rest lengths and further apart, make contact softer by "
+                "Contact(stiffness=...), or give the number of substeps yourself",
+                checks.StepWarning,
+            )
 
     def _with_choice(self, stepping: Stepping, choice: StepChoice) -> Stepping:
         """Return the `Stepping` with another choice; correct energies for the change of the conserved energy."""
@@ -376,6 +395,7 @@ def _scale_within(stepping: Stepping, time: float) -> float:
     scale, first = 0.0, 0
     for end in sorted({math.ceil(stepping.choice.substeps * k / WITHIN) for k in range(1, WITHIN + 1)}):
         stepping.stepper.take(end - first, first)
+        stop_if_asked()
         balance, first = stepping.balance(), end
         stepping.watch.allow_for_work(balance.work)
         scale = max(scale, _own_scale(balance))

@@ -5,9 +5,26 @@ import pytest
 from listing import search_always
 from surfaces import nearest_distances
 
-from msdwarp import RK4, Contact, Plane, Probe, Simulation, System, box, chain, icosphere, sheet, shell
-from msdwarp.engine.collision import neighbor_list as nearby
+from msdwarp import (
+    RK4,
+    Contact,
+    Plane,
+    Probe,
+    Simulation,
+    StepWarning,
+    System,
+    box,
+    chain,
+    checks,
+    icosphere,
+    join,
+    sheet,
+    shell,
+)
+from msdwarp.engine.collision import neighbor_list as nearby, room as lists
 from msdwarp.engine.collision.body_contact import BodyContact
+from msdwarp.engine.stepping import pace
+from msdwarp.simulation import stepping
 
 
 def contact_of(simulation: Simulation) -> BodyContact:
@@ -97,7 +114,7 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     soon = (effect.neighbors.check_every + nearby.ALLOWANCE) * 1e-3
     slack = np.maximum(0.5 * skin, soon * speed)  # of each vertex
     assert 0.1 < (slack > 0.5 * skin).mean() < 0.5
-    assert slack.max() < effect.neighbors.most_slack
+    assert slack.max() < effect.neighbors.overruns.most
     slack = slack[s.ends].max(axis=1)[:, None] + slack[s.corner].max(axis=1)  # of points and facets together
 
     def distances(points, at):
@@ -228,11 +245,78 @@ def test_a_frame_whose_lists_overflow_is_repeated(device_that_repeats, monkeypat
     assert any(voids)
 
 
+def seam() -> Simulation:
+    """Return two sheets that a seam, stretched 40-fold, throws at each other: by 2 spacings in a substep."""
+    panel = sheet((6, 5), 0.05, mass=2e-4, stiffness=100.0, damping=0.02)
+    on = np.flatnonzero(np.arange(30) % 6 == 0)
+    sewn = join(panel, panel.translate((0, 0, 0.4)), pairs=np.c_[on, on], stiffness=400.0, rest_length=0.01)
+    contact = Contact(self_contact=True)
+    return Simulation(sewn, contact=contact, gravity=0.0, device="cpu", fps=600.0, substeps=8, allow_unstable=True)
+
+
+def test_what_starts_at_once_gives_more_slack_to_few_alone(monkeypatch):
+    # Else everything were near everything: frames would take minutes.
+    simulation = seam()
+    neighbors = contact_of(simulation).neighbors
+    simulation.step()
+    assert neighbors.path > 0.05  # more than a spacing
+    assert neighbors._skin_now <= neighbors._widest
+    slack = neighbors.data.overrun.numpy()
+    assert slack.max() > 4 * neighbors._widest
+    assert 0.1 < (slack[1] > neighbors._widest).mean() < 0.5  # of what starts, the seam alone
+    monkeypatch.setattr(nearby, "LEAST_SKIN", 40.0)  # so wide that lists hold
+    wide = seam()
+    wide.step()
+    np.testing.assert_array_equal(np.concatenate(simulation.frame()[1:]), np.concatenate(wide.frame()[1:]))
+
+
+def test_a_frame_ends_early_whose_lists_have_no_room(monkeypatch):
+    expected = seam()
+    expected.step()
+    found, usual = [], pace.stop_if_asked
+    monkeypatch.setattr(pace.Pace, "part", lambda self, first, last: range(first, min(first + 2, last)))
+    monkeypatch.setattr(pace, "stop_if_asked", lambda: (found.append(True), usual()))
+    judged = []
+    monkeypatch.setattr(BodyContact, "will_be_void", _counted(BodyContact.will_be_void, judged))
+    simulation = seam()
+    simulation.step()
+    assert any(judged)
+    assert not any(judged[-3:])  # the last repetition, of four launches
+    assert len(judged) == len(found) < 4 * (1 + sum(judged))  # no other was whole
+    np.testing.assert_array_equal(*(np.concatenate(one.frame()[1:]) for one in (simulation, expected)))
+
+
+def test_that_a_frame_is_repeated_is_told(monkeypatch):
+    monkeypatch.setattr(stepping, "MANY", 1)
+    simulation = seam()
+    with pytest.warns(StepWarning, match=r"from 0 s on .* begun 2 times.* spacings in a substep .*Actuator"):
+        simulation.step()
+
+
 def test_lists_too_long_for_any_room_are_an_error(monkeypatch):
     monkeypatch.setattr(nearby, "ROOM", 1)
-    monkeypatch.setattr(nearby, "MOST_ROOM", 1)
-    with pytest.raises(MemoryError, match=r"\d+ facets are near one point"):
-        scene("cpu").step(25)
+    simulation = scene("cpu")
+    monkeypatch.setattr(lists, "MOST_ROOM", 1)
+    with pytest.raises(MemoryError, match=r"\d+ facets are near one point.*Contact\(thickness"):
+        simulation.step(25)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "facets", "said"),
+    [
+        (2**30, 0, "near others: 2147483648 entries .* at most 1073741824 entries"),  # beyond the int32 of kernels
+        (0, 2**30, "near each other: 2147483648 entries .* at most 1073741824 entries"),
+        (10**7, 0, "near others: 20000000 entries .* 1.76 GB of 1 GB that are free"),  # 88 bytes in float32
+        (0, 10**8, "near each other: 200000000 entries .* 6.4 GB of 1 GB that are free"),
+    ],
+)
+def test_pairs_beyond_all_memory_are_an_error_before_any_is_allocated(monkeypatch, pairs, facets, said):
+    planes = contact_of(scene("cpu")).planes
+    monkeypatch.setattr(checks, "free_memory", lambda: 10**9)
+    before = planes.pairs.vertices.ptr, planes.pairs.near_facets.ptr
+    with pytest.raises(MemoryError, match=said):
+        planes.extend(pairs, facets)
+    assert before == (planes.pairs.vertices.ptr, planes.pairs.near_facets.ptr)
 
 
 def test_a_method_of_stages_moves_within_a_substep(plain_device):

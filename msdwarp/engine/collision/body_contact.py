@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ... import checks
 from ...bodies import contact_surfaces
 from ...kernels.collision.body_contact import evaluate_contact
 from ...kernels.collision.contact_data import DEEPEST, FLAGS, HELD_BACK, WHOLE, BodyContactData, body_contact_term
@@ -152,11 +153,14 @@ class BodyContact(WithHistory):
         allowed[points] = deep
         self.allow(allowed)
         self.done = data.history.done = wp.zeros(self._points, dtype=wp.float64, device=model.device)
+        way_out = "move them apart, or have them ignore each other by Contact(groups=..., exclude=True)"
+        if a[p] == b[p]:  # its facets may be smaller than its contact is thick
+            way_out = "use sheet or cloth, a coarser surface, or less thickness by Contact(thickness=...)"
         self._overlapping = (
             f"the body of particle {one} starts {deep[p]:.3g} m inside "
             f"{'itself' if a[p] == b[p] else f'that of particle {other}'} ({len(points)} points of surfaces start "
             f"inside bodies): they are moved apart within {SEPARATION_TIME} s, unless their contact meshes cross; "
-            "move them apart, or have them ignore each other by Contact(groups=..., exclude=True)"
+            f"{way_out}"
         )
 
     def overlapping(self) -> str | None:
@@ -174,7 +178,8 @@ class BodyContact(WithHistory):
 
     def begin(self, substeps: int, dt: float) -> None:
         """Set the length of substeps [s]."""
-        self._dt = self.neighbors.dt = dt
+        self._dt = dt
+        self.neighbors.begin(dt)
         self._model.kernels.note(*(self._kernel(measuring) for measuring in (False, True)), block=BLOCK)
         if self.impulse is not None:
             self._model.kernels.note(self._add_impulses())
@@ -188,9 +193,9 @@ class BodyContact(WithHistory):
         self.neighbors.invalidate()
 
     @property
-    def recorded_for(self) -> tuple[int, tuple[bool, bool]]:
-        """What recorded launches depend on: how often searches may begin, and how pairs are kept apart."""
-        return self.neighbors.check_every, self.planes.recorded_for
+    def recorded_for(self) -> tuple[int, bool, tuple[bool, bool]]:
+        """What recorded launches depend on: how often searches begin, how far they reach, how pairs are kept apart."""
+        return self.neighbors.check_every, self.neighbors.overruns.any, self.planes.recorded_for
 
     def begin_substep(self, substep: int) -> bool:
         """Pass the number of the coming substep to the neighbor list."""
@@ -247,6 +252,10 @@ class BodyContact(WithHistory):
             wp.copy(self._found, self._flags)
             self._flags.zero_()
 
+    def will_be_void(self) -> bool:
+        """Return whether lists have become invalid in the frame that runs."""
+        return not self.neighbors.hold(self._flags.numpy().reshape(-1, FLAGS), ~self.frozen)
+
     def is_void(self) -> bool:
         """Return whether lists became invalid in the finished frame; if so, enlarge them for its repetition."""
         flags = self._found.numpy().reshape(-1, FLAGS).copy()
@@ -255,6 +264,18 @@ class BodyContact(WithHistory):
         if self._found is self._flags:
             self._flags.zero_()
         return self.neighbors.judge(flags, ~self.frozen)
+
+    def tell_repeats(self, time: float, times: int) -> None:
+        """Warn of a frame that takes long, as surfaces move so far in a substep that it is repeated many times."""
+        path = self.neighbors.path
+        spacings = path / (self.surfaces.on_host.spacing.max(initial=0.0) or self.neighbors.farthest)
+        checks.warn(
+            f"the frame from {time:.4g} s on takes long: it has begun {times + 1} times, since surfaces in "
+            f"contact move by up to {spacings:.2g} spacings in a substep ({path:.3g} m), "
+            "and more is near them each time; let springs start nearer to their rest lengths, have a seam pulled "
+            "together slowly by an Actuator, or give more substeps",
+            checks.StepWarning,
+        )
 
     @property
     def changing(self) -> list[wp.array]:

@@ -33,6 +33,7 @@ from ..model.model import Model
 from ..model.state import Instant
 from .contact_rules import ContactRules, unit_of_sums
 from .contact_surfaces import ContactSurfaces, parts_of_facets
+from .room import check_room, room_for_pairs
 from .tables_by_world import Repeated
 
 LEAST_GAP = 1e-3
@@ -45,6 +46,8 @@ ROOM = 4
 """Initial room for near pairs, as a multiple of the number of vertices."""
 LEAST_ROOM = 2**13
 """Initial room for pairs of solid bodies."""
+SIZE_OF_FACETS, SIZE_OF_PAIR, SCALARS_OF_PAIR = 32, 32, 14
+"""Bytes in the lists for two facets near each other, and for a near pair, which also has numbers."""
 MOST_IN_CLUSTER = 2**15
 """With more pairs each kernel is a launch, since a cluster has too few threads."""
 CLUSTER = 8
@@ -301,16 +304,17 @@ class DivisionPlanes(Effect):
         return missed
 
     def extend(self, pairs: int, near_facets: int) -> bool:
-        """Make room for twice as many near pairs and near facets; return False, and do nothing, if they fit."""
+        """Make room for more near pairs and near facets; return False, and do nothing, if they fit."""
         fit = pairs <= len(self.pairs.vertices), near_facets <= len(self.pairs.near_facets)
         if not fit[0]:
-            self._give_room(2 * pairs)  # most pairs are far apart: there are seldom more at a time
+            self._give_room(room_for_pairs(pairs))
         if not fit[1]:
-            self._give_room_to_facets(2 * near_facets)
+            self._give_room_to_facets(room_for_pairs(near_facets))
         return not all(fit)
 
     def _give_room_to_facets(self, room: int) -> None:
         data, device = self.pairs, self._model.device
+        check_room("too many facets are near each other", room, SIZE_OF_FACETS, device)
         data.near_facets = wp.zeros(room, dtype=wp.vec2i, device=device)
         data.point_tests, data.edge_tests = (wp.zeros(room, dtype=wp.vec3i, device=device) for _ in "pe")
         self._model.generation += 1
@@ -318,6 +322,8 @@ class DivisionPlanes(Effect):
     def _give_room(self, room: int) -> None:
         data, device, scalar = self.pairs, self._model.device, self._model.scalar
         room = int(room)
+        scalars = wp.types.type_size_in_bytes(scalar) * SCALARS_OF_PAIR
+        check_room("too many vertices and edges are near others", room, SIZE_OF_PAIR + scalars, device)
         data.vertices = wp.zeros(room, dtype=wp.vec4i, device=device)
         data.watched, data.pushing = (wp.zeros(room, dtype=int, device=device) for _ in "wp")
         data.weights, data.pushed = (wp.zeros(room, dtype=wp.types.vector(4, scalar), device=device) for _ in "wp")

@@ -4,7 +4,6 @@ The device decides when to search; `judge` chooses the width of the skin, the ma
 `simulation/stepping.py` repeats a frame whose lists became invalid or had no room.
 """
 
-import math
 from functools import partial
 from typing import Any
 
@@ -29,7 +28,7 @@ from ...kernels.collision.contact_data import (
 from ...kernels.collision.facet_tree import begin_search, box_facets, box_neighbours, find_roots
 from ...kernels.collision.neighbor_search import BLOCK, find_candidates, find_rows, range_of_speeds
 from ...kernels.collision.segments_and_spheres import find_rows_of_grains
-from ...kernels.collision.vertices import place_vertices
+from ...kernels.collision.vertices import FURTHER, place_vertices
 from ...kernels.compensation import compensated_sum
 from ...kernels.lanes import WARP
 from ..device.launcher import Launcher
@@ -38,6 +37,8 @@ from ..model.model import Model
 from .contact_surfaces import ContactSurfaces
 from .division_planes import DivisionPlanes
 from .facet_tree import facet_tree, near_together
+from .overruns import Overruns
+from .room import ROOM_TO_SPARE, check_room, room_for
 from .tables_by_world import Repeated
 from .torn_facets import TornFacets
 
@@ -51,13 +52,9 @@ MORTON_BITS = 16
 """Cells along each axis in which places are sorted, as a power of 2."""
 ROOM = 32
 """Initial room for facets in a row, and for bodies near a body."""
-ROOM_TO_SPARE = 0.8
-"""Fraction of the room that may be in use before it grows."""
-MOST_ROOM = 2**30
-"""Maximal number of entries in all rows."""
 LEAST_SKIN = 0.25
 """Initial and least width of the skin, as a fraction of the distance at which bodies touch."""
-SKIN_BY_PATH = 2.5
+SKIN_BY_PATH = 2.0 * FURTHER
 """Width of the skin over the longest path of a vertex while lists should be valid; at least 2 are needed."""
 WIDEST_SKIN = 0.5
 """Largest width of the skin, over the distance at which bodies touch, unless the next limit is wider."""
@@ -66,6 +63,8 @@ SPACINGS_OF_SKIN = 0.4
 LONGEST_PATH = 64.0
 """A body that moves this multiple of its spacing, or of the contact distance, in a substep has diverged, or is too
 fast for contact."""
+FEW_OVERRUNS = 3
+"""Frames one after the other in which vertices may move further than foreseen, before all get a wider skin."""
 MOST_THREADS = 2**14
 """Threads on a GPU that examine the active points."""
 MOST_BETWEEN = 32
@@ -78,7 +77,8 @@ A CPU decides in every substep. So does a GPU if rarer decisions needed a skin w
 NARROWER = 0.8
 """Least width of the skin, over that in the frame before."""
 MOST_SLACK = 4.0
-"""Largest slack of a fast vertex, over the largest width of the skin: what diverges must not be near all."""
+"""Largest slack of a fast vertex, over the largest width of the skin: what diverges must not be near all. Vertices
+that have moved further get more."""
 ALLOWANCE, LEAST_ALLOWANCE = 0.5, 0.25
 """Further substeps for which lists must stay valid, as vertices may become faster: when lists are made, and at a
 decision."""
@@ -120,10 +120,8 @@ class NeighborList:
         self.longest_path = LONGEST_PATH * max(thickest, float(spacing.max(initial=0.0)))
         """A body has diverged, or is too fast for contact, if it moves further in a substep [m]."""
         self._skin_now = self._least_skin
-        self.most_slack = MOST_SLACK * self._widest
-        """How far a fast vertex may at most move before the next search, unless it is half of the skin [m]."""
-        self.too_far = 0.0
-        """The longest path of a vertex in a substep of the last frame [m], if it was too long; else 0."""
+        self.path = self.too_far = 0.0
+        """The longest path of a vertex in a substep of the last frame [m]; `too_far`: if it is too long."""
         self.active = 0
         """Points that had facets near them in the last frame."""
         self.launcher = Launcher()
@@ -161,6 +159,9 @@ class NeighborList:
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
         data.moved, data.spare = (wp.zeros(bodies, dtype=float, device=device) for _ in "ms")
         data.slack = wp.zeros(len(data.x_found), dtype=float, device=device)
+        slacks = MOST_SLACK * self._widest, 0.5 * self._least_skin, self.longest_path
+        self.overruns = Overruns(model, len(data.x_found), *slacks)
+        data.overrun, data.started = self.overruns.least, self.overruns.started
         data.facet_slack = wp.zeros(len(owner), dtype=scalar, device=device)
         self._binary: wp.Bvh | None = None
         """Binary tree of the boxes around facets, if single threads search."""
@@ -196,6 +197,12 @@ class NeighborList:
                 wp.launch(find_roots(), model.worlds, [self._bodies.id], [data.root_of_world], device=device)
         self._give_room(ROOM, min(ROOM, bodies))
         self._find_rows_with_room()
+
+    def begin(self, dt: float) -> None:
+        """Set the length of substeps [s], in proportion to which vertices move."""
+        if self.dt:
+            self.overruns.scale(dt / self.dt)
+        self.dt = dt
 
     def launch_parts(
         self, kernel: Any, many: int, inputs: list, outputs: list, most: int = 2**31, block: int = 256
@@ -256,7 +263,7 @@ class NeighborList:
         if frame_begins and self.planes.tangles:
             self._find(after, True)
         else:
-            self.launcher.launch_if(self.data.due, partial(self._find, after))
+            self.launcher.launch_if(self.data.due, partial(self._find, after, frame_begins))
 
     def invalidate(self) -> None:
         """Make the next evaluation of forces rebuild the lists, since positions have changed."""
@@ -273,12 +280,16 @@ class NeighborList:
         threads = many if device.is_cuda else 1
         wp.launch(kernel, threads, [*inputs, threads], outputs, device=device)
 
-    def _begin(self, after: float) -> None:
+    def _begin(self, after: float, frame_begins: bool = False) -> None:
         """Launch the start of a search: boxes around facets and all nodes of the tree."""
         tree, given = self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
-        soon = (CHECK_EVERY + ALLOWANCE) * self.dt  # else a few fast vertices would cause a search each substep
-        self.launch(self._begin_search, many, [*given, self.buffer, soon, self.most_slack, after], [])
+        # A few fast vertices would else cause a search in each substep; many would be near all.
+        substeps = self.check_every if self.overruns.any else CHECK_EVERY
+        soon = (substeps + ALLOWANCE) * self.dt
+        self.launch(
+            self._begin_search, many, [*given, self.buffer, soon, self.overruns.most, after, int(frame_begins)], []
+        )
         self.launch(self._box_facets, self._warp * len(tree.piece), given, [])
         for one in (self._binary, self._bodies):
             if one is not None:
@@ -286,7 +297,7 @@ class NeighborList:
 
     def _find(self, after: float, frame_begins: bool = False) -> None:
         """Launch a search for the current positions of vertices."""
-        self._begin(after)
+        self._begin(after, frame_begins)
         self._find_rows(frame_begins)
         if not self._model.in_worlds:
             self.launch(self._find_speeds, min(self._points, MOST_THREADS), [self._contact], [])
@@ -315,6 +326,21 @@ class NeighborList:
         self.launch_parts(self._find_candidates, self._points, inputs, [])
         self.launch_parts(self._find_in_rows, self.lanes * self._points, inputs, [self.flags], searching, BLOCK)
 
+    def hold(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
+        """Return whether lists have been valid so far, by the flags of a frame that runs; see `judge`."""
+        flags = flags[counts & (flags[:, PATH] < self.longest_path)]
+        most = flags.max(axis=0, initial=0.0)
+        full = most[PAIRS] > len(self.planes.pairs.vertices) or most[NEAR_FACETS] > 0.0
+        return (
+            most[MOVED] <= 0.5 * self._skin_now
+            and not full
+            and not self._overflows(*most[[LONGEST_ROW, MOST_BODY_PAIRS]])
+        )
+
+    def _overflows(self, longest: float, body_pairs: float) -> bool:
+        """Return whether the lists have no room for rows that are so long."""
+        return longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
+
     def judge(self, flags: NDArray[Any], counts: NDArray[np.bool_]) -> bool:
         """Choose the skin from the flags of a frame; return whether the frame must be repeated.
 
@@ -324,7 +350,9 @@ class NeighborList:
         self.active, pairs, near_facets = (int(flags[0, one]) for one in (ACTIVE, PAIRS, NEAR_FACETS))
         fast = counts & (flags[:, PATH] >= self.longest_path)
         self.too_far = float(flags[fast, PATH].max(initial=0.0))
-        flags = flags[counts & (flags[:, PATH] < self.longest_path)]
+        self.path = float(flags[counts, PATH].max(initial=0.0))
+        valid = counts & (flags[:, PATH] < self.longest_path)
+        flags = flags[valid]
         if not len(flags):
             return False
         highest = flags.max(axis=0)[[MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS]]
@@ -335,16 +363,19 @@ class NeighborList:
             self.check_every = 1
         elif narrowest < 0.5 * self._widest:
             self.check_every = self._check_every
-        wanted = min(self._widest, max(self._least_skin, SKIN_BY_PATH * MOST_BETWEEN * near_path))
-        wanted = max(wanted, 0.0 if held else SKIN_BY_PATH * moved)
+        foreseen = max(MOST_BETWEEN * near_path, 0.0 if held else moved)
+        wanted = min(self._widest, max(self._least_skin, SKIN_BY_PATH * foreseen))
+        if not held and self.overruns.following >= FEW_OVERRUNS:  # others each time: then all get more
+            wanted = max(wanted, SKIN_BY_PATH * moved)
         if wanted > self._skin_now or wanted < NARROWER * self._skin_now:
             # It narrows over some frames: what was too fast once may soon be again, and a frame is repeated then.
             self._skin_now = max(wanted, NARROWER * self._skin_now)
             self.buffer.fill_(self._skin_now)
             self.invalidate()
-        overflown = longest > self.data.candidates.shape[1] or body_pairs > self.data.body_pairs.shape[1]
+        overflown = self._overflows(longest, body_pairs)
         overflown |= self.planes.judge(pairs, held)
         overflown |= near_facets > 0
+        self.overruns.learn(held, NARROWER if held and not overflown else 1.0, valid)
         self._make_room(int(longest), int(body_pairs), pairs, near_facets)
         return not held or overflown
 
@@ -362,9 +393,12 @@ class NeighborList:
         ):
             return extended
         more = max(room, room_for(longest))
-        if more * points > MOST_ROOM:
-            raise MemoryError(f"{longest} facets are near one point: lists of {points} points have no room")
-        self._give_room(more, min(bodies, max(room_beside, room_for(body_pairs))))
+        beside = min(bodies, max(room_beside, room_for(body_pairs)))
+        device, scalar = self._model.device, wp.types.type_size_in_bytes(self._model.scalar)
+        check_room(f"{longest} facets are near one point, of {points}", more * points, 20 + scalar, device)
+        pair = wp.types.type_size_in_bytes(Pair(self._model.scalar))
+        check_room(f"{body_pairs} bodies are near one body, of {bodies}", beside * bodies, 4 + pair, device)
+        self._give_room(more, beside)
         return True
 
     def _give_room(self, room: int, body_pairs: int) -> None:
@@ -381,8 +415,3 @@ class NeighborList:
         data.body_pair_count.zero_()
         self._model.generation += 1
         self.invalidate()
-
-
-def room_for(many: int) -> int:
-    """Return how many entries to allocate for `many` entries: a power of 2, with some to spare."""
-    return 1 << max(math.ceil(many / ROOM_TO_SPARE) - 1, 0).bit_length()

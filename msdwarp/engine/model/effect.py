@@ -213,9 +213,16 @@ class Effect:
     def look(self) -> None:
         """Launch the kernels whose results `is_void` reads, at the end of a frame; a graph may record them."""
 
+    def will_be_void(self) -> bool:
+        """Return whether the frame that runs must be repeated, so that its other substeps would be in vain."""
+        return False
+
     def is_void(self) -> bool:
         """Return whether the finished frame must be repeated; if so, first allocate the room that it lacked."""
         return False
+
+    def tell_repeats(self, time: float, times: int) -> None:
+        """Warn that the frame from `time` [s] on has been void so many times, why, and what to do."""
 
     def begin_substep(self, substep: int) -> bool:
         """Prepare for the launches of a substep of a frame, counted from 0; return whether `data` changed."""

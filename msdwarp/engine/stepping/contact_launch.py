@@ -67,7 +67,7 @@ class ContactLaunch:
         numbers, h = ContactNumbers(model.scalar)(), effect.steps.dt
         numbers.beyond, numbers.farthest = neighbors.longest_path, neighbors.farthest
         numbers.h, numbers.rate, numbers.per_unit = h, DAMPING / h, 1.0 / effect.data.unit
-        numbers.ahead, numbers.soon, numbers.most = AHEAD * h, SOON * h, neighbors.most_slack
+        numbers.ahead, numbers.soon, numbers.most = AHEAD * h, SOON * h, neighbors.overruns.most
         numbers.activation = planes.activation
         (kernel, before), threads = self._kernel(), CLUSTER * MOST_THREADS
         contact = before.Data()

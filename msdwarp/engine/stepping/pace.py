@@ -57,15 +57,28 @@ class Pace:
         stop = first - 2 * (-substeps // (2 * self.launches))
         return range(first, stop if stop < substeps else substeps)
 
-    def take(self, substeps: int, part: range, launch: Launch, launch_from: Callable[[int], tuple]) -> None:
-        """Launch a frame: its first part by `launch`, then the parts and launches that `launch_from` returns."""
+    def take(
+        self,
+        substeps: int,
+        part: range,
+        launch: Launch,
+        launch_from: Callable[[int], tuple],
+        is_in_vain: Callable[[], bool],
+    ) -> None:
+        """Launch a frame: its first part by `launch`, then the parts and launches that `launch_from` returns.
+
+        It ends early where the frame `is_in_vain`.
+        """
         self._launch(launch, part)
         spent = 0.0
         while part.stop < substeps:
             wp.synchronize_stream(self._device)
-            spent += perf_counter() - self._began
-            self.substep = spent / part.stop
+            last = perf_counter() - self._began
+            spent += last
+            self.substep = max(spent / part.stop, last / len(part))  # in contact a frame may slow down
             stop_if_asked()
+            if is_in_vain():
+                return
             part, launch = launch_from(part.stop)
             self._launch(launch, part)
 
