@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from .connectivity import pieces
 from .facets import different_vertices, open_edges, sides_of
+from .lattice_facets import FINE, with_lattice_facets
 from .selection import mask_of
 from .system import System
 
-FINE = 2.0
-"""A surface with more vertices per particle than this gets no contact points on its edges."""
 CORDS = 2.0
 """A body without surface is a rope or a net if it has at most so many springs per particle; otherwise a heap of
 spheres. Springs that resist bending do not count."""
@@ -82,7 +81,8 @@ def contact_surfaces(system: System, shape: NDArray[np.float64] | None = None) -
         particle, weight = np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1))
         triangles = np.zeros((0, 3), dtype=np.int64)
     else:
-        particle, weight, triangles = different_vertices(system.surface)
+        drawn = different_vertices(system.surface)
+        particle, weight, triangles = with_lattice_facets(system.connections, body_of, *drawn)
     body = body_of[particle[:, 0]]
     drawn = mask_of(body, bodies)
     # In bodies without a surface, particles touch instead.
@@ -106,7 +106,7 @@ def contact_surfaces(system: System, shape: NDArray[np.float64] | None = None) -
     edges = np.concatenate([sides_of(triangles)[0], segments]).astype(np.int32)
     corner = np.concatenate([triangles, segments[:, [0, 1, 1]], np.repeat(spheres[:, None], 3, axis=1)])
     corner = corner[np.argsort(body[corner[:, 0]], kind="stable")]
-    # Other surfaces also have a contact point in the middle of each edge.
+    # Surfaces that are not much finer than their lattice also have a contact point in the middle of each edge.
     carried = np.bincount(body_of[np.unique(particle[weight != 0])], minlength=bodies)
     fine = np.bincount(body, minlength=bodies) > FINE * carried
     edges = edges[~fine[body[edges[:, 0]]]]

@@ -6,7 +6,7 @@ import warp as wp
 from problems import EPS64
 from surfaces import nearest_distances
 
-from msdwarp import Surface, System, ball, box, chain, icosphere, sheet, shell
+from msdwarp import Surface, System, ball, box, chain, cloth, icosphere, sheet, shell
 from msdwarp.bodies import contact_surfaces
 from msdwarp.kernels.collision.nearest_point import nearest_on_triangle
 
@@ -112,6 +112,26 @@ def test_round_bodies_are_closed_and_stay_round(body, inner):
     assert len(found.corner) == 2 * (len(found.particle) - 2)
     # Chords of facets of angle a lose about a²/4 of the volume: here they are 0.4 rad or less.
     assert 0.93 < volume(body, found) / (4 / 3 * np.pi * radius**3) < 1.0
+
+
+def test_a_cloth_touches_with_the_cells_of_its_lattice():
+    # It is drawn with 16 times as many triangles, nearer to each other than its contact is thick.
+    outline = [(-0.26, -0.35), (0.26, -0.35), (0.22, 0.26), (0.0, 0.32), (-0.2, 0.26)]
+    body, solid = cloth(outline, 0.05, mass=1e-3, stiffness=10.0), ball(0.5, 0.2)
+    system = body + solid
+    found = contact_surfaces(system)
+    those = found.corner[found.body[found.corner[:, 0]] == 0]
+    assert found.solid.tolist() == [False, True]
+    assert len(found.corner) - len(those) == len(contact_surfaces(solid).corner)  # what is solid stays as drawn
+    used = np.unique(those)
+    np.testing.assert_array_equal((np.abs(found.weight[used]) > 1e-9).sum(axis=1), 1)
+    np.testing.assert_array_equal(np.sort(found.particle[used, 0]), np.arange(body.particle_count))
+    a, b, c = found.points(system.position)[those].transpose(1, 0, 2)
+    halves = np.cross(b - a, c - a) / 2
+    np.testing.assert_allclose(halves, np.broadcast_to([0, 0, 0.05**2 / 2], halves.shape), rtol=0, atol=1e-12)
+    # By Euler, as it has no holes: V − E + F = 1, with the cells as faces and the springs along axes as edges.
+    length = np.linalg.norm(np.diff(body.position[body.connections], axis=1)[:, 0], axis=1)
+    assert len(those) == 2 * (1 - body.particle_count + np.count_nonzero(length < 1.2 * 0.05))
 
 
 def test_a_closed_body_with_a_hole_is_open():
