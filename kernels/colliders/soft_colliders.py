@@ -22,7 +22,7 @@ from .signed_distance import signed_distance, solids
 class SoftTerm(NamedTuple):
     """The device side of soft obstacles."""
 
-    piece: ForceTerm
+    term: ForceTerm
     """The force term, for a scene's kernels."""
     add_blocks: Any
     """Kernel, over particles, that adds to the blocks of the stability bound (`Effect.add_blocks`)."""

@@ -1,7 +1,7 @@
 """The tree of boxes around the facets of each body, and the broad phase: which bodies are near each other.
 
-The facets of a body are sorted so that near ones follow each other. Consecutive facets form a piece, consecutive
-pieces a group; each piece and group has a box. The boxes are updated as facets move; the tree is not. On a GPU
+The facets of a body are sorted so that near ones follow each other. Consecutive facets form a leaf, consecutive
+leaves a group; each leaf and group has a box. The boxes are updated as facets move; the tree is not. On a GPU
 several threads search together, each tests a box, and few memory accesses wait for each other; a single thread in
 a binary tree would wait for hundreds. But a binary tree needs fewer tests: on the CPU one thread searches one
 (`wp.Bvh`) of the same facets.
@@ -33,12 +33,12 @@ class FacetTree:
     root: wp.array(dtype=int)  # root of each body's subtree in `binary`
     lower: wp.array(dtype=wp.vec3)  # box of each facet [m]
     upper: wp.array(dtype=wp.vec3)
-    # Pieces:
-    piece: wp.array(dtype=wp.vec4i)  # body, group, first facet and end in the order above, shape [piece_count]
-    piece_lower: wp.array(dtype=wp.vec3)
-    piece_upper: wp.array(dtype=wp.vec3)
+    # Leaves:
+    leaf: wp.array(dtype=wp.vec4i)  # body, group, first facet and end in the order above, shape [leaf_count]
+    leaf_lower: wp.array(dtype=wp.vec3)
+    leaf_upper: wp.array(dtype=wp.vec3)
     # Groups:
-    group: wp.array(dtype=wp.vec2i)  # first piece and end, shape [group_count]
+    group: wp.array(dtype=wp.vec2i)  # first leaf and end, shape [group_count]
     group_lower: wp.array(dtype=wp.vec3)
     group_upper: wp.array(dtype=wp.vec3)
     # Bodies:
@@ -55,11 +55,11 @@ class Cursor:
 
     facet: int  # the facet found by this thread, or -1
     ended: bool
-    place: int  # the next facet in the order of the tree, and the end of its piece
+    place: int  # the next facet in the order of the tree, and the end of its leaf
     last_place: int
-    first_piece: int  # first of the pieces that were tested together, and the end of their group
-    last_piece: int
-    pieces: wp.uint32  # which of these pieces are still to be searched, as bits
+    first_leaf: int  # first of the leaves that were tested together, and the end of their group
+    last_leaf: int
+    leaves: wp.uint32  # which of these leaves are still to be searched, as bits
     first_group: int
     last_group: int
     groups: wp.uint32
@@ -123,21 +123,21 @@ def facets_within(lanes: int):
                     cursor.facet = tree.facet[own]
                 found = ballot(hit) != wp.uint32(0)
                 cursor.place += wp.static(lanes)
-            elif cursor.pieces != wp.uint32(0):
-                piece = tree.piece[cursor.first_piece + lowest_bit(cursor.pieces)]
-                cursor.pieces &= cursor.pieces - wp.uint32(1)
-                cursor.place = piece[2]
-                cursor.last_place = piece[3]
-            elif cursor.first_piece + wp.static(lanes) < cursor.last_piece:
-                cursor.first_piece += wp.static(lanes)
-                own = cursor.first_piece + lane
-                end = cursor.last_piece
-                cursor.pieces = ballot(overlaps_box(low, high, tree.piece_lower, tree.piece_upper, own, end))
+            elif cursor.leaves != wp.uint32(0):
+                leaf = tree.leaf[cursor.first_leaf + lowest_bit(cursor.leaves)]
+                cursor.leaves &= cursor.leaves - wp.uint32(1)
+                cursor.place = leaf[2]
+                cursor.last_place = leaf[3]
+            elif cursor.first_leaf + wp.static(lanes) < cursor.last_leaf:
+                cursor.first_leaf += wp.static(lanes)
+                own = cursor.first_leaf + lane
+                end = cursor.last_leaf
+                cursor.leaves = ballot(overlaps_box(low, high, tree.leaf_lower, tree.leaf_upper, own, end))
             elif cursor.groups != wp.uint32(0):
                 group = tree.group[cursor.first_group + lowest_bit(cursor.groups)]
                 cursor.groups &= cursor.groups - wp.uint32(1)
-                cursor.first_piece = group[0] - wp.static(lanes)
-                cursor.last_piece = group[1]
+                cursor.first_leaf = group[0] - wp.static(lanes)
+                cursor.last_leaf = group[1]
             elif cursor.first_group + wp.static(lanes) < cursor.last_group:
                 cursor.first_group += wp.static(lanes)
                 own = cursor.first_group + lane
@@ -213,18 +213,18 @@ def begin_search(scalar: type):
 
 @functools.cache
 def box_facets(scalar: type, lanes: int):
-    """Compose the kernel that computes boxes around facets and pieces, and extends those of groups and bodies.
+    """Compose the kernel that computes boxes around facets and leaves, and extends those of groups and bodies.
 
-    Boxes hold the facets until the next search: they are wider by their slack. Each piece has `lanes` threads.
+    Boxes hold the facets until the next search: they are wider by their slack. Each leaf has `lanes` threads.
     """
     Data, load, lowest = BodyContactData(scalar), records(3, scalar).load, lowest_of_lanes(lanes)
 
     @wp.func
-    def box_piece(data: Data, tree: FacetTree, p: int, lane: int):
-        piece = tree.piece[p]
+    def box_leaf(data: Data, tree: FacetTree, p: int, lane: int):
+        leaf = tree.leaf[p]
         least = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         most = -least
-        for e in range(piece[2] + lane, piece[3], wp.static(lanes)):
+        for e in range(leaf[2] + lane, leaf[3], wp.static(lanes)):
             facet = tree.facet[e]
             c = data.surfaces.corner[facet]
             slack = data.neighbors.slack[c[0]]
@@ -243,16 +243,16 @@ def box_facets(scalar: type, lanes: int):
         least = lowest(least)
         most = -lowest(-most)
         if lane == 0:
-            tree.piece_lower[p] = least
-            tree.piece_upper[p] = most
-            extend(tree.group_lower, tree.group_upper, piece[1], least, most)
-            extend(tree.body_lower, tree.body_upper, piece[0], least, most)
+            tree.leaf_lower[p] = least
+            tree.leaf_upper[p] = most
+            extend(tree.group_lower, tree.group_upper, leaf[1], least, most)
+            extend(tree.body_lower, tree.body_upper, leaf[0], least, most)
 
     @kernel
     def write_boxes(data: Data, tree: FacetTree, threads: int):
         p = grid_thread() / wp.static(lanes)
-        while p < tree.piece.shape[0]:
-            box_piece(data, tree, p, grid_thread() % wp.static(lanes))
+        while p < tree.leaf.shape[0]:
+            box_leaf(data, tree, p, grid_thread() % wp.static(lanes))
             p += threads / wp.static(lanes)
 
     return write_boxes

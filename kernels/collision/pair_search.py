@@ -64,7 +64,7 @@ def searches(scalar: type):
 def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
     """Compose the kernel that lists facets whose boxes are so near each other that they may have near pairs.
 
-    If `by_warps` (on a GPU), a warp searches for all facets of a piece of the tree at once, and each of its
+    If `by_warps` (on a GPU), a warp searches for all facets of a leaf of the tree at once, and each of its
     threads tests the box of its own facet. Otherwise each thread searches for one facet in a binary tree. If all
     bodies are `grains`, facets and bodies have the same indices, and the list of near bodies suffices.
     """
@@ -104,7 +104,7 @@ def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
                         add(pairs, count_up(pairs.near_facet_count, 0), facet, tree.facet[k], flags)
 
     @wp.func
-    def search_for_piece(
+    def search_for_leaf(
         tree: FacetTree,
         pairs: Pairs,
         search: Search,
@@ -114,7 +114,7 @@ def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
         these: wp.uint32,  # which of the facets that are tested together this warp lists
         flags: wp.array(dtype=float),
     ):
-        """List the facets of a body that are near the facets of a piece, by a warp."""
+        """List the facets of a body that are near the facets of a leaf, by a warp."""
         low = wp.vec3(wp.static(NEVER), wp.static(NEVER), wp.static(NEVER))
         high = -low
         near = bool(False)
@@ -129,7 +129,7 @@ def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
             while not cursor.ended:
                 cursor = find_next(tree, cursor, below, above, lane)
                 first = cursor.place - wp.static(WARP)
-                found = ballot(cursor.facet >= 0) & these  # near the piece; of them, near this thread's facet:
+                found = ballot(cursor.facet >= 0) & these  # near the leaf; of them, near this thread's facet:
                 hits = wp.uint32(0)
                 while found != wp.uint32(0):
                     bit = found & (~found + wp.uint32(1))
@@ -165,7 +165,7 @@ def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
                 if searches_for(pairs, body, other):
                     search = search_of(data, body, other, scalar(0.0), activation)
                     if wp.static(by_warps):
-                        search_for_piece(tree, pairs, search, other, place, last, these, flags)
+                        search_for_leaf(tree, pairs, search, other, place, last, these, flags)
                     else:
                         search_for_facet(tree, pairs, search, other, place, flags)
 
@@ -175,7 +175,7 @@ def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
         tree: FacetTree,
         pairs: Pairs,
         activation: scalar,  # [m]
-        warps: int,  # of each piece
+        warps: int,  # of each leaf
         threads: int,  # in each part
         part: int,
         parts: int,  # number of parts, one for each CPU thread
@@ -191,15 +191,15 @@ def find_near_facets(scalar: type, by_warps: bool, grains: bool = False):
                 k = next_of_part(k, threads, parts)
         else:
             n = grid_thread() / wp.static(WARP)
-            while n < warps * tree.piece.shape[0]:
+            while n < warps * tree.leaf.shape[0]:
                 p = n / warps
-                bit = wp.uint32(1) << wp.uint32(warps)  # its multiples are as far apart as a piece has warps
+                bit = wp.uint32(1) << wp.uint32(warps)  # its multiples are as far apart as a leaf has warps
                 these = (every / (bit - wp.uint32(1))) << wp.uint32(n % warps)
-                piece = tree.piece[p]
-                low = tree.piece_lower[p]
-                high = tree.piece_upper[p]
-                place = piece[2] + grid_thread() % wp.static(WARP)
-                search_around(data, tree, pairs, piece[0], low, high, place, piece[3], these, activation, flags)
+                leaf = tree.leaf[p]
+                low = tree.leaf_lower[p]
+                high = tree.leaf_upper[p]
+                place = leaf[2] + grid_thread() % wp.static(WARP)
+                search_around(data, tree, pairs, leaf[0], low, high, place, leaf[3], these, activation, flags)
                 n += threads / wp.static(WARP)
 
     return find

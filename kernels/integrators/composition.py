@@ -29,7 +29,7 @@ class Composition(NamedTuple):
     """Whether any particle is pinned."""
     collider_term: ColliderTerm = NO_COLLIDERS
     """Contact with obstacles."""
-    pieces: tuple[ForceTerm, ...] = ()
+    terms: tuple[ForceTerm, ...] = ()
     """The terms of the scene's other effects."""
     second_pass: bool = False
     """Whether a second launch advances masked particles: for lattices in columns, if few particles have masks."""
@@ -39,17 +39,17 @@ class Composition(NamedTuple):
     @property
     def selective(self) -> list[ForceTerm]:
         """The effects whose forces act on some particles only; effect k uses bit k of a particle's mask."""
-        return [piece for piece in self.pieces if piece.selective]
+        return [term for term in self.terms if term.selective]
 
     @property
     def kernel(self) -> Any:
         """How kernels of stages are declared: as those of contact, so that one launch of all does the same."""
-        return fast_kernel if any(piece.field == "body_contact" for piece in self.pieces) else kernel
+        return fast_kernel if any(term.field == "body_contact" for term in self.terms) else kernel
 
     @property
     def timed(self) -> bool:
         """Whether the force of an effect depends on time."""
-        return any(piece.timed for piece in self.pieces)
+        return any(term.timed for term in self.terms)
 
 
 class Stage(NamedTuple):
@@ -80,7 +80,7 @@ def scene(composition: Composition):
         "gravity": vector(composition.dim, composition.scalar),
         "colliders": composition.collider_term.Colliders,
     }
-    fields |= {piece.field: piece.Data for piece in composition.pieces}
+    fields |= {term.field: term.Data for term in composition.terms}
     if composition.selective:
         fields["effect_mask"] = wp.array(dtype=wp.uint8)
     if composition.second_pass:
@@ -143,7 +143,7 @@ def data_of(SceneData: Any, field: str) -> Any:
 def beginning(composition: Composition) -> Any:
     """Compose (scene, compensation, x, c), which changes connection c when a substep begins; None without need."""
     V, SceneData, Compensation, *_ = tools(composition)
-    terms = [piece for piece in composition.pieces if piece.begin is not None]
+    terms = [term for term in composition.terms if term.begin is not None]
     begins, data = [one.begin for one in terms], [data_of(SceneData, one.field) for one in terms]
     count = len(terms)
 
@@ -163,7 +163,7 @@ def loads(composition: Composition) -> Any:
     summed (see `loads.work`) come last.
     """
     V, SceneData, Compensation, load, *_ = tools(composition)
-    terms = sorted((one for one in composition.pieces if one.force is not None), key=lambda one: one.works)
+    terms = sorted((one for one in composition.terms if one.force is not None), key=lambda one: one.works)
     if not terms:
         return None
     count, silent = len(terms), sum(not one.works for one in terms)
@@ -213,7 +213,7 @@ def loads(composition: Composition) -> Any:
 @functools.cache
 def before_forces(composition: Composition) -> tuple[Any, Any]:
     """Compose (count, evaluate) of the effect that has `ForceTerm.before_forces`; (None, None) if none has."""
-    found = [piece for piece in composition.pieces if piece.before_forces is not None]
+    found = [term for term in composition.terms if term.before_forces is not None]
     assert len(found) < 2, "only one effect may have elements to evaluate before forces"
     if not found:
         return None, None
@@ -239,4 +239,4 @@ def before_forces(composition: Composition) -> tuple[Any, Any]:
 def driving(composition: Composition) -> Driving:
     """Compose the functions that set the state of driven particles from the poses of drives."""
     SceneData = scene(composition)
-    return next((piece.drive(SceneData) for piece in composition.pieces if piece.drive is not None), Driving())
+    return next((term.drive(SceneData) for term in composition.terms if term.drive is not None), Driving())

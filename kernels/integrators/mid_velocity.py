@@ -79,7 +79,7 @@ def mid_velocity(composition: Composition, alone: bool = False):
     if at is None:
         return None
     compensated, precise = composition.compensated, 1e-6 if scalar is wp.float32 else 1e-14
-    bits = sum(1 << k for k, piece in enumerate(composition.selective) if piece.at_velocity is not None)
+    bits = sum(1 << k for k, term in enumerate(composition.selective) if term.at_velocity is not None)
 
     @wp.func
     def added(

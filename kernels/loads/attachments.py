@@ -196,6 +196,6 @@ def attachments(
         energy[w, m] = stored
         power[w, m] = lost_power
 
-    piece = ForceTerm("attached", Attached, force=attachment, selective=True, timed=moving)
+    term = ForceTerm("attached", Attached, force=attachment, selective=True, timed=moving)
     law = ElementForce(evaluate, numbers, 3 + dim)
-    return piece, law, add_attachment_blocks, measure_attached
+    return term, law, add_attachment_blocks, measure_attached

@@ -119,6 +119,6 @@ def element_load(
         energy[w, e] = stored
 
     field = f"{factory.__module__.rpartition('.')[2]}_{factory.__name__}"
-    piece = ForceTerm(field, Elements, force=sum_over_elements, selective=True, works=not stores)
+    term = ForceTerm(field, Elements, force=sum_over_elements, selective=True, works=not stores)
     law = ElementForce(projected=projected, points=points)
-    return piece, law, add_element_blocks, measure_elements
+    return term, law, add_element_blocks, measure_elements

@@ -45,8 +45,8 @@ class Anchors(Effect):
 
     def __init__(self, model: Model) -> None:
         self._model = model
-        self.piece = anchored(model.dim, model.scalar, model.compensated)
-        self.data = self.piece.Data()
+        self.term = anchored(model.dim, model.scalar, model.compensated)
+        self.data = self.term.Data()
         self.data.stiffness = K
         self.data.place = wp.zeros(model.particle_count, dtype=model.vector, device=model.device)
         self.told: list = []
@@ -167,6 +167,6 @@ def test_gradients_refuse_it_by_name(with_anchors):
 
 def test_a_scene_without_it_has_nothing_of_it():
     plain = Dynamics(assemble(Problem(system=chain(3)), device="cpu"))
-    assert plain.composition.pieces == ()
+    assert plain.composition.terms == ()
     assert "anchors" not in {name for name, *_ in plain.scene._cls.vars.items()}
     assert math.isfinite(rate_bounds(chain(3)).stiffness)

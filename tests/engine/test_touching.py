@@ -340,8 +340,8 @@ def test_nothing_of_it_is_there_where_nothing_touches():
         assert not any(isinstance(effect, BodyContact) for effect in simulation.assembly.all)
         assert simulation.stepping.dynamics.composition == plain  # from which all kernels are made
     touching = Simulation(meeting("a", "b"), contact=Contact(), device="cpu").stepping.dynamics.composition
-    assert [piece.field for piece in touching.pieces] == ["body_contact"]
-    assert touching._replace(pieces=()) == plain
+    assert [term.field for term in touching.terms] == ["body_contact"]
+    assert touching._replace(terms=()) == plain
 
 
 @pytest.mark.slow

@@ -104,7 +104,7 @@ class Adjoint:
                 group, width = elements.group, elements.law.width
                 sums = None if group is None else self._sums_of(effect, names, group, width)
                 if elements.of_motion or sums is not None:
-                    of_velocity = getattr(effect.piece, "at_velocity", None) is not None
+                    of_velocity = getattr(effect.term, "at_velocity", None) is not None
                     self._elements.append((ElementAdjoints(model, elements, *about, sums), of_velocity))
         soft = next((one for one in assembly.all if isinstance(one, SoftColliders)), None)
         self._soft, self._soft_kernel = soft, None

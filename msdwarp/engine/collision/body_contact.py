@@ -78,8 +78,8 @@ class BodyContact(WithHistory):
             units.append(unit_of_sums(stiffest * reach))
         self.blocks = self.rules.blocks(surfaces)
         """Additions to diagonal blocks of K [N/m] of each particle, as scalars, by world."""
-        self.piece = body_contact_term(model.dim, scalar, model.compensated)
-        self.data = self.piece.Data()
+        self.term = body_contact_term(model.dim, scalar, model.compensated)
+        self.data = self.term.Data()
         self.members = surfaces.by_particle(self.data, model)
         self.data.force, self.data.unit = data.surfaces.force, units[0]
         if model.in_worlds:

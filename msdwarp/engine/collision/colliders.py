@@ -69,9 +69,9 @@ class Colliders(FrameTables):
         how = self.moves, contact_forces, self.overlapping_at_start
         several, round_particles = len(colliders) > 1, bool(self.radius.any())
         composed = collider_contact(model.dim, model.scalar, rule, kinds, several, *how, round_particles)
-        self.piece = ColliderTerm(*composed, *how, spares, round_particles)
+        self.term = ColliderTerm(*composed, *how, spares, round_particles)
         self.contact_forces = contact_forces
-        data = self.data = self.piece.Colliders()
+        data = self.data = self.term.Colliders()
         if spares:
             data.spared = wp.array(self.spared.astype(np.int32), device=self._device)
         if round_particles:

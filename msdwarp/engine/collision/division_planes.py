@@ -59,8 +59,8 @@ QUIET = 60
 NEAR_A_FACET = 8
 """Initial room for facets near each other, and for the tests that they need, as a multiple of the number of
 facets."""
-FEW_PIECES, FEW_BY_WARPS = 2**10, 4
-"""Up to this number of pieces of the tree a GPU searches by this many warps for each, else by one."""
+FEW_LEAVES, FEW_BY_WARPS = 2**10, 4
+"""Up to this number of leaves of the tree a GPU searches by this many warps for each, else by one."""
 MOST_TESTING = 2**18
 """Maximal number of threads that test near facets."""
 PAIR_THREADS = 2**16
@@ -77,7 +77,7 @@ class DivisionPlanes(Effect):
     the device's struct of contact; `impulse` sums the contact impulses on particles [N s], None if not requested.
     """
 
-    piece = data = None
+    term = data = None
 
     def __init__(
         self,
@@ -176,11 +176,11 @@ class DivisionPlanes(Effect):
     def meet(self, neighbors: Any) -> None:
         """Set the `NeighborList` whose searches also list pairs."""
         self.neighbors = weakref.proxy(neighbors)  # which owns this: memory of a device is to be freed at once
-        facets, pieces = len(neighbors.tree.facet), len(neighbors.tree.piece)
-        self._warps = FEW_BY_WARPS if pieces <= FEW_PIECES else 1
+        facets, leaves = len(neighbors.tree.facet), len(neighbors.tree.leaf)
+        self._warps = FEW_BY_WARPS if leaves <= FEW_LEAVES else 1
         self._by_warps = self._model.device.is_cuda and not self._grains
-        self._searching = self._warps * WARP * pieces if self._by_warps else facets
-        """Threads that list near facets: some warps for each piece of the tree, or one for each facet."""
+        self._searching = self._warps * WARP * leaves if self._by_warps else facets
+        """Threads that list near facets: some warps for each leaf of the tree, or one for each facet."""
         self._give_room_to_facets(NEAR_A_FACET * facets)
         scalar = self._model.scalar
         self._model.kernels.note(*self._searches(), clear_pairs(scalar), find_tangles(scalar, neighbors.lanes))

@@ -10,7 +10,7 @@ from ...kernels.collision.facet_tree import FacetTree
 from ...kernels.lanes import WARP
 
 WIDTH = WARP
-"""Facets in a piece of the tree, and pieces in a group: the threads of a warp test them together."""
+"""Facets in a leaf of the tree, and leaves in a group: the threads of a warp test them together."""
 
 
 def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int, device: Any) -> Any:
@@ -20,13 +20,13 @@ def facet_tree(order: NDArray[np.integer], owner: NDArray[np.int32], bodies: int
     """
     tree = FacetTree()
     first, last, body = runs(owner[order], WIDTH)
-    first_piece, last_piece, of_group = runs(body, WIDTH)
-    group = np.repeat(np.arange(len(of_group)), last_piece - first_piece)
+    first_leaf, last_leaf, of_group = runs(body, WIDTH)
+    group = np.repeat(np.arange(len(of_group)), last_leaf - first_leaf)
     tree.facet = wp.array(order, dtype=int, device=device)
-    tree.piece = wp.array(np.stack([body, group, first, last], axis=1), dtype=wp.vec4i, device=device)
-    tree.group = wp.array(np.stack([first_piece, last_piece], axis=1), dtype=wp.vec2i, device=device)
+    tree.leaf = wp.array(np.stack([body, group, first, last], axis=1), dtype=wp.vec4i, device=device)
+    tree.group = wp.array(np.stack([first_leaf, last_leaf], axis=1), dtype=wp.vec2i, device=device)
     tree.first_group = wp.array(np.searchsorted(of_group, np.arange(bodies + 1)), dtype=int, device=device)
-    counts = {"": len(order), "piece_": len(body), "group_": len(of_group), "body_": bodies, "near_": bodies}
+    counts = {"": len(order), "leaf_": len(body), "group_": len(of_group), "body_": bodies, "near_": bodies}
     for name, count in counts.items():
         for side in ("lower", "upper"):
             setattr(tree, name + side, wp.zeros(count, dtype=wp.vec3, device=device))

@@ -290,7 +290,7 @@ class NeighborList:
         self.launch(
             self._begin_search, many, [*given, self.buffer, soon, self.overruns.most, after, int(frame_begins)], []
         )
-        self.launch(self._box_facets, self._warp * len(tree.piece), given, [])
+        self.launch(self._box_facets, self._warp * len(tree.leaf), given, [])
         for one in (self._binary, self._bodies):
             if one is not None:
                 one.refit()

@@ -33,9 +33,9 @@ class SoftColliders(Effect):
         """The kinds of obstacles, as in `msdwarp.kernels.colliders`."""
         how = model.dim, model.scalar, model.compensated, self.kinds, bool(radius.any())
         self._composed = soft_colliders(*how)
-        self.piece = self._composed.piece
+        self.term = self._composed.term
         model.kernels.note(self._composed.add_blocks, self._composed.measure)
-        data = self.data = self.piece.Data()
+        data = self.data = self.term.Data()
         data.count = len(soft)
         describe(data.solids, soft, model.dim, model.scalar, model.device)
         numbers = {name: np.array([getattr(one, name) for one in soft], dtype=np.float64) for name in NUMBERS}

@@ -75,7 +75,7 @@ class SurfaceContact(WithHistory):
     3], without facets that are single particles.
     """
 
-    piece = data = None
+    term = data = None
 
     def __init__(
         self,

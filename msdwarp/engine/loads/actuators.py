@@ -43,7 +43,7 @@ class ActuatedSprings(StageTables):
     def __init__(self, model: Model, named: Sequence[tuple[str, Actuator]]) -> None:
         self._model, self._strains = model, model.rows.get("strain")
         self.named = named if self._strains is None else [("strain", one) for _, one in named]
-        self.piece = actuated_springs(model.dim, model.scalar, model.compensated)
+        self.term = actuated_springs(model.dim, model.scalar, model.compensated)
         model.kernels.note(add_tension(model.dim, model.scalar))
         # The table has a column for each delay of each actuator; in an ensemble so many for each of its rows.
         self._delays: list[NDArray[np.float64]] = []
@@ -69,7 +69,7 @@ class ActuatedSprings(StageTables):
         particle, other = ends.T.ravel(), ends[:, ::-1].T.ravel()
         order, first = rows(particle, model.particle_count)
         self.members = np.diff(first) > 0
-        data = self.data = self.piece.Data()
+        data = self.data = self.term.Data()
         each = np.tile(strength, (1, 2))[:, order]
         if len(each) > 1:
             self.by_world, each = ("strength",), np.tile(each, (model.worlds // len(each), 1))

@@ -44,7 +44,7 @@ class AttachmentSprings(FrameTables):
             (f"{name}.carried_by", one.motion, one.center(model.dim)) for name, one in self._carriers
         ]
         self._damped = bool(self._hands) or any(one.damping for one in several)
-        piece, self._law, self._blocks, self._measure = attachments(
+        term, self._law, self._blocks, self._measure = attachments(
             model.dim,
             model.scalar,
             model.compensated,
@@ -53,8 +53,8 @@ class AttachmentSprings(FrameTables):
             stretched=any(one.rest_length.any() for one in several),
         )
         model.kernels.note(self._blocks, self._measure)
-        data = piece.Data()
-        self.piece, self.data = piece, data
+        data = term.Data()
+        self.term, self.data = term, data
         # A mouse spring may hold any particles, up to its capacity.
         held = [one.particles(model.system) for one in several]
         self.members = np.any(held, axis=0) if not self._hands else np.ones(model.particle_count, dtype=bool)

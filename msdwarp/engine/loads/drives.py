@@ -42,8 +42,8 @@ class Drives(FrameTables):
         self.prescribed = [(name, one.motion, one.centre) for name, one in drives]
         self._wide = vector(model.dim, wp.float64)
         self._turn = wp.types.matrix((model.dim, model.dim), wp.float64)
-        self.piece = driven(model.dim, model.scalar, model.compensated)
-        data = self.data = self.piece.Data()
+        self.term = driven(model.dim, model.scalar, model.compensated)
+        data = self.data = self.term.Data()
         held = np.concatenate([one.held for _, one in drives])
         entry = np.full(model.particle_count, -1)
         entry[held] = np.arange(len(held))

@@ -35,11 +35,11 @@ class ElementLoads(Effect):
         points, own = (np.concatenate(arrays) for arrays in each)
         how = evaluate, points.shape[1], own.shape[1], self.conserves
         composed = element_load(model.dim, model.scalar, model.compensated, *how)
-        piece, self._law, self._blocks, self._energies = composed
+        term, self._law, self._blocks, self._energies = composed
         model.kernels.note(self._blocks, self._energies)
         order, first = rows(points.ravel(), model.particle_count)
         self.members = np.diff(first) > 0
-        self.piece, self.data, self._points = piece, piece.Data(), points
+        self.term, self.data, self._points = term, term.Data(), points
         upload_fields(self.data, model.device, particle=points, own=own, first=first, entry=order)
 
     def add_blocks(self, x: wp.array, v: wp.array, stiffness: wp.array, damping: wp.array, world: int = 0) -> None:

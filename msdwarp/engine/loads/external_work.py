@@ -44,10 +44,10 @@ class Work(Effect):
         self._model, self._device = model, model.device
         count = model.worlds * model.particle_count if summed else 0
         self._others = {f"work.{_stored(one)}": one.done for one in others if one.done is not None}
-        self._counts = summed or any(isinstance(one.piece, ForceTerm) for one in others)
-        self.piece = work(model.dim, model.scalar) if self._counts else NOTHING
-        self.field = self.piece.field
-        self.data, self.idle = self.piece.Data(), self.piece.Data()
+        self._counts = summed or any(isinstance(one.term, ForceTerm) for one in others)
+        self.term = work(model.dim, model.scalar) if self._counts else NOTHING
+        self.field = self.term.field
+        self.data, self.idle = self.term.Data(), self.term.Data()
         """The data for kernels, and a copy with zero weights, for force evaluations that do no work."""
         self._done = wp.zeros(count, dtype=wp.float64, device=model.device)
         self._last = wp.zeros(count, dtype=model.vector, device=model.device)

@@ -57,8 +57,8 @@ class GivenForces(Effect):
     """Common base of constant forces and forces that are functions of time."""
 
     def __init__(self, model: Model, forces: Named, varies: bool) -> None:
-        piece, self._law = given_force(model.dim, model.scalar, model.compensated, varies)
-        self.piece, self.data, self._model, self.named = piece, piece.Data(), model, forces
+        term, self._law = given_force(model.dim, model.scalar, model.compensated, varies)
+        self.term, self.data, self._model, self.named = term, term.Data(), model, forces
         self._weights, self._combination = combinations(model, forces)
         self.members = self._combination > 0
         upload_fields(self.data, model.device, combination=self._combination)
@@ -116,8 +116,8 @@ class Weight(StageTables):
 
     def __init__(self, model: Model, falling: Falling) -> None:
         self.named = [("gravity", falling)]
-        self.piece = weight_force(model.dim, model.scalar, model.compensated)
-        self.data, self.members = self.piece.Data(), np.isfinite(model.mass)
+        self.term = weight_force(model.dim, model.scalar, model.compensated)
+        self.data, self.members = self.term.Data(), np.isfinite(model.mass)
         self.set_up(model, 1, model.vector, varies=True)
 
 
@@ -128,10 +128,10 @@ class ForceField(Effect):
         kinds = {"x": model.vector, "v": model.vector, "t": model.scalar, "i": wp.int32}
         used = check_types(name, force.force, kinds, model.vector)
         own = force.force, number, "v" in used
-        piece, self._law = function_force(model.dim, model.scalar, model.compensated, *own)
+        term, self._law = function_force(model.dim, model.scalar, model.compensated, *own)
         self._name, self.timed = name, "t" in used
         self._values = function_values(model.dim, model.scalar, force.force)
-        self.piece, self.data, self.members = piece, piece.Data(), force.particles(model.system)
+        self.term, self.data, self.members = term, term.Data(), force.particles(model.system)
         self._model, self._time, self._on = model, 0.0, np.flatnonzero(self.members)
         self._slopes = add_function_slopes(model.dim, model.scalar, force.force)
         model.kernels.note(self._slopes, *([self._values] if self.timed else []))

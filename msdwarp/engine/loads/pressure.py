@@ -43,8 +43,8 @@ class SurfacePressure(Effect):
         self._model, self._vertices = model, vertices
         faces = self._faces = Faces([one.facets(model.system) for one in pressures], model.particle_count)
         kinds = model.dim, model.scalar, model.compensated
-        piece, self._law = pressure(*kinds, mixed=faces.mixed, gas=gas)
-        self.piece, self.data = piece, piece.Data()
+        term, self._law = pressure(*kinds, mixed=faces.mixed, gas=gas)
+        self.term, self.data = term, term.Data()
         self.data.faces, self.by_world = faces.on(model, vertices)
         upload_fields(self.data, model.device, of=faces.of)
         self.members = faces.members()

@@ -87,7 +87,7 @@ class EmbeddedVertices(Effect):
     """Computes a surface's vertices before forces are evaluated; loads read vertices like particles."""
 
     def __init__(self, model: Model) -> None:
-        self._model, self.piece, facets = model, None, facets_of(model.system)
+        self._model, self.term, facets = model, None, facets_of(model.system)
         self._mix = model.kernels.note(mix_vertices(model.dim, model.scalar, model.compensated))
         self._particle = wp.array(facets.particle, dtype=int, device=model.device)
         self._weight = wp.array(facets.weight, dtype=model.scalar, device=model.device)

@@ -50,8 +50,8 @@ class WindEffect(StageTables):
         """wp.func (x, t) -> velocity of the air [m/s]; None if the velocity is the same everywhere."""
         if function is not None:
             check_types(places[0], function, {"x": model.vector, "t": model.scalar}, model.vector)
-        piece, self._law = compose(model.dim, model.scalar, model.compensated, function, **how)
-        self.piece, self.data = piece, piece.Data()
+        term, self._law = compose(model.dim, model.scalar, model.compensated, function, **how)
+        self.term, self.data = term, term.Data()
         for name in ("drag", "lift"):
             setattr(self.data.winds, name, wp.zeros(len(winds), dtype=model.scalar, device=model.device))
         self._take_coefficients()

@@ -104,18 +104,18 @@ class Effect:
     the measures call every effect; a subclass overrides the methods that it needs.
     """
 
-    piece: ForceTerm | ColliderTerm | None
+    term: ForceTerm | ColliderTerm | None
     """The effect's term in kernels; None if the force algorithms do its work."""
     data: Any
     """The struct that kernels read; `begin` and `begin_substep` may replace it."""
     members: NDArray[np.bool_] | None = None
-    """Mask of the particles under the effect's force, shape [particle_count], if `piece` is selective."""
+    """Mask of the particles under the effect's force, shape [particle_count], if `term` is selective."""
     by_world: Sequence[str] = ()
     """Names of the arrays of `data` that have a part for each world."""
     done: wp.array | None = None
     """External work done by the effect so far, as terms to sum [J], float64; None if it does no work.
 
-    If `piece.works`, `Work` sums the work instead.
+    If `term.works`, `Work` sums the work instead.
     """
 
     shared_points: int = 0

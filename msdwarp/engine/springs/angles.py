@@ -23,9 +23,9 @@ class AngleSprings(Effect):
         for name in ("stiffness", "damping"):
             model.check_range(getattr(angles, name), f"angles.{name}")
         damped = bool(angles.damping.any())
-        piece = self.piece = angle_forces(model.dim, model.scalar, model.compensated, damped)
-        self.data = piece.Data()
-        self._kinds = model.dim, model.scalar, piece.Data
+        term = self.term = angle_forces(model.dim, model.scalar, model.compensated, damped)
+        self.data = term.Data()
+        self._kinds = model.dim, model.scalar, term.Data
         self._blocks, self._energies = angle_blocks(*self._kinds), angle_energies(*self._kinds)
         model.kernels.note(self._blocks, self._energies)
         order, first = rows(angles.particles.ravel(), model.particle_count)

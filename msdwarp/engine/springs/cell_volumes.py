@@ -67,16 +67,16 @@ class CellVolumes(Effect):
             margin = sum(steps)
             self._size = model.stride + 2 * margin
             kind = model.scalar, model.compensated, damped
-            self._kernel, self.piece = lattice_pressures(*kind), lattice_volumes(*kind, everywhere)
-            self.data = self.piece.Data()
+            self._kernel, self.term = lattice_pressures(*kind), lattice_volumes(*kind, everywhere)
+            self.data = self.term.Data()
             self.data.table, self.data.steps, self.data.margin = self._table, wp.vec3i(*steps), margin
             upload_fields(self.data, model.device, lower=cells.corners[:, 0])
             self.data.pressure = wp.zeros(model.worlds * self._size, dtype=model.scalar, device=model.device)
             self.by_world = ("pressure",)
         else:
             kind = (model.dim, model.scalar, model.compensated, *self._kind, damped)
-            self._kernel, self.piece = cell_forces(*kind), cell_volumes(*kind, everywhere)
-            self.data = self.piece.Data()
+            self._kernel, self.term = cell_forces(*kind), cell_volumes(*kind, everywhere)
+            self.data = self.term.Data()
             self.data.cells = self._table
             upload_fields(self.data, model.device, first=first, entry=(corner * self._count + cell)[order])
             count = model.worlds * corner_count * self._count

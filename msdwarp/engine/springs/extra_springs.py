@@ -22,13 +22,13 @@ class ExtraSprings(Effect):
         assert model.lattice is not None
         system, ties = model.system, model.lattice.ties
         laws = model.laws if system.damping[ties].any() else model.laws._replace(damper=None)
-        self.piece = tie_force(model.dim, model.scalar, model.compensated, laws)
+        self.term = tie_force(model.dim, model.scalar, model.compensated, laws)
         # The ends of springs, sorted by particle, then by spring.
         ends = system.connections[ties]
         particle, other, number = ends.ravel(), ends[:, ::-1].ravel(), np.repeat(ties, 2)
         order, first = rows(particle, model.particle_count)
         self.members = np.diff(first) > 0
-        data = self.data = model.with_law(self.piece.Data())
+        data = self.data = model.with_law(self.term.Data())
         upload_fields(data, model.device, first=first, other=other[order])
         self.by_world = tuple(name for name in CONSTANTS if name in model.rows)
         for name in CONSTANTS:

@@ -24,7 +24,7 @@ class Fracture(Effect):
     of connected particles, from which it removes broken springs.
     """
 
-    piece = None
+    term = None
     numbers_substeps = True
 
     conserves = True

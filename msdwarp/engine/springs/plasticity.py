@@ -22,8 +22,8 @@ class Plasticity(Effect):
 
     def __init__(self, model: Model) -> None:
         self._model = model
-        self.piece = yielding(model.dim, model.scalar, model.compensated)
-        self.data = self.piece.Data()
+        self.term = yielding(model.dim, model.scalar, model.compensated)
+        self.data = self.term.Data()
         self.data.connections = model.connections
         values = {name: model.ordered(np.array(getattr(model.system, name))) for name in STORED}
         upload_fields(self.data, model.device, **values)

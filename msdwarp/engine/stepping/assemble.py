@@ -189,7 +189,7 @@ class Assembly:
 
     def _work(self) -> Work | None:
         """Return the effect that sums the work of others; None if none does work."""
-        summed = any(isinstance(effect.piece, ForceTerm) and effect.piece.works for effect in self.all)
+        summed = any(isinstance(effect.term, ForceTerm) and effect.term.works for effect in self.all)
         steady = self._one_of(Steady)
         others = [effect for effect in self.all if effect.done is not None]
         if not summed and steady is None and not others:
@@ -212,8 +212,8 @@ class Assembly:
     @property
     def begins_substeps(self) -> bool:
         """Whether springs change when a substep begins, by an effect or because they break."""
-        pieces = [one.piece for one in self.all if isinstance(one.piece, ForceTerm)]
-        return self.fracture is not None or any(piece.begin is not None for piece in pieces)
+        terms = [one.term for one in self.all if isinstance(one.term, ForceTerm)]
+        return self.fracture is not None or any(term.begin is not None for term in terms)
 
     def checkpoints(self) -> list[dict[str, NDArray]]:
         """Return for each world the effects' arrays, from which a single run can continue."""

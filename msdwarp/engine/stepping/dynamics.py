@@ -106,7 +106,7 @@ class Dynamics:
 
     def _compose(self, algorithm: Any, differs: Differences | None, effect_mask: NDArray[np.uint8]) -> Composition:
         """Return the `Composition` from which the kernels of this scene are composed."""
-        model, terms = self.model, [effect.piece for effect in self.assembly.all]
+        model, terms = self.model, [effect.term for effect in self.assembly.all]
         force_terms = tuple(one for one in terms if isinstance(one, ForceTerm))
         return Composition(
             dim=model.dim,
@@ -115,7 +115,7 @@ class Dynamics:
             compensated=model.compensated,
             pinned=model.pinned,
             collider_term=next((one for one in terms if isinstance(one, ColliderTerm)), NO_COLLIDERS),
-            pieces=force_terms,
+            terms=force_terms,
             second_pass=self._needs_second_pass(algorithm, force_terms, effect_mask),
             differs=differs,
         )
@@ -157,15 +157,15 @@ class Dynamics:
         if isinstance(effect, Fracture):
             self.scene.forces.breaking = effect.data
             return
-        if effect.piece is None:
+        if effect.term is None:
             return
-        field = effect.piece.field if isinstance(effect.piece, ForceTerm) else "colliders"
+        field = effect.term.field if isinstance(effect.term, ForceTerm) else "colliders"
         setattr(self.scene, field, effect.data)
 
     def _effect_mask(self) -> NDArray[np.uint8]:
         """Return for each particle a bit for each selective effect that acts on it."""
         effect_mask = np.zeros(self.model.particle_count, dtype=np.uint8)
-        selective = [one for one in self.assembly.all if isinstance(one.piece, ForceTerm) and one.piece.selective]
+        selective = [one for one in self.assembly.all if isinstance(one.term, ForceTerm) and one.term.selective]
         if len(selective) > MOST_SELECTIVE:
             raise ValueError(
                 f"{len(selective)} loads of different kinds act on particles; at most {MOST_SELECTIVE} can"
@@ -370,7 +370,7 @@ class Dynamics:
     @property
     def drives(self) -> bool:
         """Whether any particle is driven."""
-        return any(piece.drive is not None for piece in self.composition.pieces)
+        return any(term.drive is not None for term in self.composition.terms)
 
     @property
     def only_contact_precedes(self) -> bool:
@@ -389,7 +389,7 @@ class Dynamics:
         """Return the effects that are evaluated within a single launch of many stages, or of one CPU thread."""
         if self.partition is not None:
             return []
-        return [one for one in self._preceding if isinstance(one.piece, ForceTerm) and one.piece.before_forces]
+        return [one for one in self._preceding if isinstance(one.term, ForceTerm) and one.term.before_forces]
 
     @property
     def launches_before_forces(self) -> bool:

@@ -14,7 +14,7 @@ from ..model.state import Instant
 class Fire(Effect):
     """Changes velocities after each substep; the method is in `msdwarp.kernels.integrators.fire`."""
 
-    piece = None
+    term = None
 
     def __init__(self, model: Model) -> None:
         self._model, device = model, model.device

@@ -21,7 +21,7 @@ def differences(assembly: Assembly, forces: EnsembleForces) -> Differences:
     """Return the differences between worlds: parameters of the system, and arrays of effects for each world."""
     rows, arrays = assembly.model.rows, list[str]()
     for effect in assembly.all:
-        field = effect.piece.field if isinstance(effect.piece, ForceTerm) else "colliders"
+        field = effect.term.field if isinstance(effect.term, ForceTerm) else "colliders"
         if isinstance(effect, Fracture):
             field, arrays = "forces.breaking", [*arrays, f"forces.{effect.joined_field}"]
         arrays += [f"{field}.{name}" for name in effect.by_world]
