@@ -81,8 +81,8 @@ def contact_surfaces(system: System, shape: NDArray[np.float64] | None = None) -
         particle, weight = np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1))
         triangles = np.zeros((0, 3), dtype=np.int64)
     else:
-        drawn = different_vertices(system.surface)
-        particle, weight, triangles = with_lattice_facets(system.connections, body_of, *drawn)
+        vertices = different_vertices(system.surface)
+        particle, weight, triangles = with_lattice_facets(system.connections, body_of, *vertices)
     body = body_of[particle[:, 0]]
     drawn = mask_of(body, bodies)
     # In bodies without a surface, particles touch instead.

@@ -36,7 +36,7 @@ class Machine:
             self.wall += 10 * seconds
             self.computing += 10 * seconds * computes * threads
 
-        choice.take(10, range(10), take, lambda first: (range(first, first), take))
+        choice.take(10, range(10), take, lambda first: (range(first, first), take), lambda: False)
         return threads
 
 

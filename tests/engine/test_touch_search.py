@@ -254,6 +254,7 @@ def seam() -> Simulation:
     return Simulation(sewn, contact=contact, gravity=0.0, device="cpu", fps=600.0, substeps=8, allow_unstable=True)
 
 
+@pytest.mark.filterwarnings("ignore::msdwarp.checks.StepWarning")  # it is repeated on purpose
 def test_what_starts_at_once_gives_more_slack_to_few_alone(monkeypatch):
     # Else everything were near everything: frames would take minutes.
     simulation = seam()
@@ -270,6 +271,7 @@ def test_what_starts_at_once_gives_more_slack_to_few_alone(monkeypatch):
     np.testing.assert_array_equal(np.concatenate(simulation.frame()[1:]), np.concatenate(wide.frame()[1:]))
 
 
+@pytest.mark.filterwarnings("ignore::msdwarp.checks.StepWarning")  # it is repeated on purpose
 def test_a_frame_ends_early_whose_lists_have_no_room(monkeypatch):
     expected = seam()
     expected.step()

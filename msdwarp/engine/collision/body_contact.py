@@ -194,7 +194,7 @@ class BodyContact(WithHistory):
 
     @property
     def recorded_for(self) -> tuple[int, bool, tuple[bool, bool]]:
-        """What recorded launches depend on: how often searches begin, how far they reach, how pairs are kept apart."""
+        """What recorded launches depend on: how often searches begin, their reach, how pairs are kept apart."""
         return self.neighbors.check_every, self.neighbors.overruns.any, self.planes.recorded_for
 
     def begin_substep(self, substep: int) -> bool:
