@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
-from .facets import different_vertices, open_edges, sides_of
-from .lattice_facets import FINE, with_lattice_facets
+from .facets import FINE, different_vertices, open_edges, sides_of, with_lattice_facets
 from .selection import mask_of
 from .system import System
 

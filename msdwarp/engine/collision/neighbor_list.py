@@ -396,7 +396,8 @@ class NeighborList:
         beside = min(bodies, max(room_beside, room_for(body_pairs)))
         device, scalar = self._model.device, wp.types.type_size_in_bytes(self._model.scalar)
         check_room(f"{longest} facets are near one point, of {points}", more * points, 20 + scalar, device)
-        pair = wp.types.type_size_in_bytes(Pair(self._model.scalar))
+        kind: Any = Pair(self._model.scalar)
+        pair = wp.types.type_size_in_bytes(kind)
         check_room(f"{body_pairs} bodies are near one body, of {bodies}", beside * bodies, 4 + pair, device)
         self._give_room(more, beside)
         return True
