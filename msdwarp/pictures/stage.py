@@ -54,7 +54,7 @@ def visible(scene: Scene, positions: NDArray) -> NDArray[np.float64]:
 
 def axes_of(look: Look) -> tuple[NDArray, NDArray, NDArray]:
     """Return the unit vectors right, up and back of the camera of a look."""
-    return view_axes(math.radians(look.azimuth), math.radians(look.elevation))
+    return view_axes(*np.radians(look.angles()))
 
 
 def view_axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArray]:
@@ -282,7 +282,7 @@ class Stage:
         self.moves = self.followed is not None or len(cameras) > 1
         """Whether the camera moves, with a body or along a path."""
         away = [math.log(np.linalg.norm(one.eye - one.target)) for one in cameras]
-        angles = [(math.radians(view.azimuth), math.radians(view.elevation)) for view in self.look.views]
+        angles = [np.radians(view.angles()) for view in self.look.views]
         self._times = np.array([one.time for one in self.look.path])
         self._way = np.column_stack([angles, away, [one.target for one in cameras]])
         wide, floor = max(one.distance * one.tangent for one in cameras), scene.look.floor

@@ -13,6 +13,8 @@ from .colliders import Plane
 
 OF_BODIES = ("color", "inside", "texture", "smooth", "gloss", "finish", "particles", "tube")
 """Fields that a body can set for itself; the others belong to the whole picture."""
+OBLIQUE = (-60.0, 16.0)
+"""Azimuth and elevation of the camera [degrees], where neither a look nor a plane says other."""
 FLOORS = ("chequered", "plain", "shadows", "none")
 
 
@@ -86,7 +88,8 @@ class Look:
         "glass", through which one sees what is behind, but no other glass; or "cloth", bright where it is seen
         edge-on. Colors that show quantities are matt.
     azimuth, elevation
-        Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon.
+        Camera angles [degrees]: around the vertical, counter-clockwise from +x, and above the horizon. None: in a
+        scene in a plane the camera looks at that from the front, else from -60° and 16°.
     target
         Point in the middle of the picture [m], shape [3]. None: fitted to the run, or, if the bodies travel, their
         middle.
@@ -126,8 +129,8 @@ class Look:
         color, the balls are no thicker than the connections. Single particles always are balls.
     tube
         Radius of drawn connections, such as ropes, and of single particles that no `Contact` gives a thickness
-        [m]. None: half of the thickness that a `Contact` gives; else a fraction of the rest length, and for single
-        particles what fits between them.
+        [m]. None: half of the thickness that a `Contact` gives; else a fraction of the rest length, of seams, which
+        join surfaces, one of the spacing beside them, and for single particles what fits between them.
     """
 
     color: str = "#d9603b"
@@ -136,8 +139,8 @@ class Look:
     smooth: bool = True
     gloss: float = 0.25
     finish: str = "matt"
-    azimuth: float = -60.0
-    elevation: float = 16.0
+    azimuth: float | None = None
+    elevation: float | None = None
     target: tuple[float, ...] | None = None
     distance: float | None = None
     field_of_view: float = 30.0
@@ -167,8 +170,10 @@ class Look:
         checks.between("gloss", self.gloss, 0, 1)
         checks.one_of("finish", self.finish, tuple(FINISHES))
         checks.between("obstacle_gloss", self.obstacle_gloss, 0, 1)
-        checks.between("azimuth", self.azimuth, -360, 360)
-        checks.between("elevation", self.elevation, -90, 90)
+        if self.azimuth is not None:
+            checks.between("azimuth", self.azimuth, -360, 360)
+        if self.elevation is not None:
+            checks.between("elevation", self.elevation, -90, 90)
         if self.target is not None:
             object.__setattr__(self, "target", checks.point("target", self.target))
             if len(self.target) != 3:
@@ -212,6 +217,14 @@ class Look:
     def says_color(self) -> bool:
         """Whether its color, gloss or finish is not the default, so that connections are drawn with them."""
         return (self.color, self.gloss, self.finish) != (Look.color, Look.gloss, Look.finish)
+
+    def angles(self, default: tuple[float, float] = OBLIQUE) -> tuple[float, float]:
+        """Return azimuth and elevation of the camera [degrees], by default these."""
+        azimuth, elevation = default
+        return (
+            azimuth if self.azimuth is None else self.azimuth,
+            elevation if self.elevation is None else self.elevation,
+        )
 
     def of_the_picture(self) -> list[str]:
         """Return the names of non-default fields that apply to the whole picture."""

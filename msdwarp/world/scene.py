@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,16 @@ from ..bodies import counted, headline
 from .colliders import Plane
 from .drives import PrescribedMotion
 from .gravity import gravity_in_words
-from .look import Look
+from .loads import Force
+from .look import OBLIQUE, Look
 from .problem import Problem
 
 Observed = Callable[[NDArray, NDArray], NDArray]
 """A function of positions and velocities of worlds, each of shape [worlds, particle_count, d]."""
+ABOVE_GROUND = 5.0
+"""Elevation of a camera before an upright plane [degrees], where there is ground to see: next to none."""
+ROUNDING = 1e-9
+"""What counts as no part of a vector along an axis, over its largest part: what rotations leave."""
 _SHOWN = 3
 """Maximal number of colliders, and of loads, that a scene's text lists; if there are more, they are counted."""
 
@@ -88,6 +93,9 @@ class Scene(Problem):
                 raise ValueError(
                     f"look.cut is {cut}, and all bodies are above it; it must leave something of them"
                 )
+        if None in (self.look.azimuth, self.look.elevation):
+            azimuth, elevation = self.look.angles(self._front())
+            object.__setattr__(self, "look", replace(self.look, azimuth=azimuth, elevation=elevation))
         object.__setattr__(self, "looks", self._checked_looks())
         object.__setattr__(self, "observe", dict(checks.mapping("observe", self.observe)))
         for name, one in self.observe.items():
@@ -133,6 +141,39 @@ class Scene(Problem):
         """
         now = position[None], velocity[None]
         return {name: observed_values(name, of, *now)[0] for name, of in self.observe.items()}
+
+    def _front(self) -> tuple[float, float]:
+        """Return the azimuth and elevation [degrees] from which a camera sees the scene by default.
+
+        What lies in a plane and stays there is seen from its front: if the plane is level, from above.
+        """
+        flat = 1 if self.system.dim < 3 else self._flat_along()
+        if flat is None:
+            return OBLIQUE
+        if flat == 2:
+            return -90.0, 90.0
+        return -90.0 if flat == 1 else 0.0, ABOVE_GROUND if self.ground else 0.0
+
+    def _flat_along(self) -> int | None:
+        """Return the axis across which all particles of a scene in space lie and stay in one plane; None if none.
+
+        They stay in it if nothing that is known to be constant has a part along the axis: velocities, gravity,
+        forces, normals of planes; and if other obstacles have their centres in the plane.
+        """
+        place, forces = self.system.position[0], [one for one in self.loads if isinstance(one, Force)]
+        if len(forces) + len(self.contact_rules) < len(self.loads) or self.schedule:
+            return None
+        given = [self.gravity, *(one.force for one in forces)]
+        if any(callable(one) for one in given):
+            return None
+        planes = [one.unit_normal(3) for one in self.colliders if isinstance(one, Plane)]
+        solids = [one.center(3) for one in self.colliders if not isinstance(one, Plane)]
+        points = np.concatenate([self.system.position, *np.reshape(solids, (-1, 1, 3))]) - place
+        down = checks.gravity("gravity", self.gravity, 3)
+        most = np.array([np.abs(one).max(axis=0) for one in (points, self.system.velocity)] + [*planes, down])
+        most = np.abs(np.concatenate([most, np.reshape(given[1:], (-1, 3))]))
+        moved = (most > ROUNDING * most.max(axis=1, keepdims=True)).any(axis=0)
+        return next((k for k in (1, 2, 0) if not moved[k]), None)
 
     @property
     def ground(self) -> Plane | None:

@@ -12,7 +12,7 @@ from ..bodies import System
 from .colliders import Box, Capsule, Collider, Cone, Plane, Sphere
 from .contact import Contact, radii
 from .gravity import Gravity, with_potential
-from .look import Look, Viewpoint
+from .look import OF_BODIES, Look, Viewpoint
 from .motion import displacement_and_turn
 from .scene import Scene
 from .schedule import OF_PARTICLES, Change
@@ -23,7 +23,7 @@ _COLLIDERS = {kind.__name__: kind for kind in (Plane, Sphere, Box, Capsule, Cone
 _TEXTURES = ("texture", "obstacle_texture")
 _COLOR = "colour"
 """The name in files of a look's `color`, which it had before 0.3."""
-_LATER = ("target", "distance", "follow", "field_of_view", "path", "finish", "cut")
+_LATER = ("azimuth", "elevation", "target", "distance", "follow", "field_of_view", "path", "finish", "cut")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +76,18 @@ def scene_as_stored(scene: Scene, times: Sequence[float] | NDArray) -> Stored:
 def scene_from_stored(system: System, described: Mapping[str, Any], arrays: Mapping[str, NDArray]) -> Scene:
     """Return a system's scene from the data of `scene_as_stored`; raise ValueError if they are invalid."""
     try:
-        looks = described.get("looks", [])  # older files have none
+        looks = described.get("looks", [])  # older files have none, or with fields of the picture
+        own = {
+            one["group"]: {name: one["look"][name] for name in (_COLOR, *OF_BODIES) if name in one["look"]}
+            for one in looks
+        }
         return Scene(
             system=system,
             colliders=[_collider(one, arrays) for one in described["colliders"]],
             gravity=checks.gravity_of_file(described["gravity"], system.dim),
             duration=described["duration"],
             look=_look(described["look"], "look", arrays),
-            looks={one["group"]: _look(one["look"], f"looks/{k}", arrays) for k, one in enumerate(looks)},
+            looks={group: _look(look, f"looks/{k}", arrays) for k, (group, look) in enumerate(own.items())},
             schedule=[_change(one, arrays, system.dim) for one in described["schedule"]],
             contact=[Contact(**one) for one in described.get("thickness", [])],
         )

@@ -43,6 +43,45 @@ def test_a_body_appears_where_its_field_of_view_puts_it(cube, backend, angle):
     assert rows.mean() == pytest.approx((SIZE[1] - 1) / 2, abs=1.5)
 
 
+SHEET = msd.sheet((4, 3), 0.1, mass=0.01, stiffness=10.0)
+UPRIGHT = SHEET.rotate(math.pi / 2, axis=(1, 0, 0))
+PEG = msd.Sphere((0.1, 0.0, -0.5), 0.1)
+AHEAD, LOW, ABOVE, OBLIQUE = (-90.0, 0.0), (-90.0, 5.0), (-90.0, 90.0), (-60.0, 16.0)
+
+
+@pytest.mark.parametrize(
+    ("system", "more", "seen_from"),
+    [
+        (msd.chain(3, dim=1), {}, AHEAD),
+        (msd.voxels(np.ones((2, 3), int), 0.1), {}, AHEAD),
+        (msd.voxels(np.ones((2, 3), int), 0.1), {"colliders": [msd.Plane()]}, LOW),
+        (
+            UPRIGHT,
+            {
+                "colliders": [PEG, msd.Plane((1.0, 0, 1.0), -1.0)],
+                "loads": [msd.Force((0.1, 0, 0))],
+                "contact": msd.Contact(),
+            },
+            LOW,
+        ),
+        (SHEET, {"gravity": (0, -9.8, 0)}, ABOVE),
+        (SHEET.rotate(math.pi / 2, axis=(0, 1, 0)), {"colliders": [msd.Plane()]}, (0.0, 5.0)),
+        (SHEET, {}, OBLIQUE),
+        (UPRIGHT.spin((0, 0, 1.0)), {}, OBLIQUE),
+        (UPRIGHT, {"colliders": [msd.Sphere((0.1, 0.01, -0.5), 0.1)]}, OBLIQUE),
+        (UPRIGHT, {"colliders": [msd.Plane((0, 0.1, 1.0), -1.0)]}, OBLIQUE),
+        (UPRIGHT, {"loads": [msd.Force((0, 0.1, 0))]}, OBLIQUE),
+        (UPRIGHT, {"loads": [msd.Wind((1.0, 0, 0))]}, OBLIQUE),
+        (UPRIGHT, {"gravity": lambda t: 9.8}, OBLIQUE),
+    ],
+)
+def test_what_stays_in_a_plane_is_seen_from_its_front(system, more, seen_from):
+    look = msd.Scene(system=system, **more).look
+    assert (look.azimuth, look.elevation) == seen_from
+    look = msd.Scene(system=system, look=msd.Look(azimuth=12.0), **more).look
+    assert (look.azimuth, look.elevation) == (12.0, seen_from[1])
+
+
 def path():
     return [
         msd.Viewpoint(time=0.5, azimuth=-60.0),
