@@ -11,9 +11,9 @@ from ..bodies import in_space, pieces
 from ..world import Look, Scene, Viewpoint
 from .stage import Camera, outermost
 
-FAR = 4.0
+FAR, FAR_OF_TWO = 4.0, 10.0
 """A body is a straggler if it gets further from the middle than this many times the median over all bodies, and
-than this many times as far as it was in the first frame."""
+than this many times as far as it was in the first frame. Of two bodies the nearer one takes the median's place."""
 TRAVELS = 3.0
 """The camera follows if it would otherwise be so many times as far away as one that sees any single frame. Of the
 built-in scenes `robot` reaches 5, all others at most 2.1."""
@@ -29,12 +29,14 @@ def framed(
 ) -> tuple[Scene, NDArray]:
     """Return the scene, with a camera that follows bodies that travel, and the positions [m] that it sees.
 
-    These are the outermost in the chosen frames, shape [any, d]. If there are three bodies or more, a body that
-    goes far away from the others counts only while it is near them, and in the first frame. `positions` have the
+    These are the outermost in the chosen frames, shape [any, d]. A body, or a piece that has torn off, that goes
+    far away from the others counts only while it is near them, and in the first frame. `positions` have the
     shape [frame_count, particle_count, d], and may be on disk; `times` are those of the frames [s]; `aspect` is
     the picture's width over its height.
     """
-    body = np.unique(pieces(scene.system.particle_count, scene.system.connections), return_inverse=True)[1]
+    system = scene.system
+    whole = system.connections[~system.broken]
+    body = np.unique(pieces(system.particle_count, whole), return_inverse=True)[1]
     order = np.argsort(body, kind="stable")
     first = np.searchsorted(body[order], np.arange(body.max() + 1))
     found, reach, middle = [], np.zeros((len(chosen), len(first))), None
@@ -45,11 +47,12 @@ def framed(
             middle = np.median(np.add.reduceat(x[order], first) / np.bincount(body)[:, None], axis=0)
         reach[k] = np.maximum.reduceat(np.linalg.norm(x - middle, axis=1)[order], first)
     furthest = reach.max(axis=0)
-    strays = furthest > FAR * np.maximum(np.median(furthest), reach[0])
+    others, far = (np.median(furthest), FAR) if len(first) > 2 else (furthest.min(), FAR_OF_TWO)
+    strays = furthest > far * np.maximum(others, reach[0])
     look = following(scene.look, found, np.asarray(times)[chosen], aspect)
     if look is not scene.look:
         return replace(scene, look=look), np.concatenate(found)
-    if len(first) < 3 or scene.look.follow is not None or not strays.any():
+    if scene.look.follow is not None or not strays.any():
         return scene, np.concatenate(found)
     gone = strays & (reach > furthest[~strays].max())
     gone[0] = False

@@ -70,10 +70,22 @@ def test_a_straggler_does_not_widen_the_view():
     assert framed(scene(), away, steps, range(11), 1.5)[1][:, 0].max() == pytest.approx(
         away[:, :, 0].max(), abs=0.01
     )
-    pair = CUBE + CUBE.translate((0.3, 0, 0))  # of two bodies neither is the rest
-    both = np.array([pair.position, pair.position + np.where(np.arange(16) < 8, 0, 30)[:, None]])
-    _, seen = framed(msd.Scene(system=pair), both, [0, 1], range(2), 1.5)
-    assert seen.max() > 30
+
+
+PAIR = CUBE + CUBE.translate((0.3, 0, 0))
+ROPE = msd.chain(16, 0.02)
+TORN = ROPE.replace(broken_at=np.where(np.arange(15) == 7, 0.5, np.inf))
+
+
+@pytest.mark.parametrize(("system", "leaves"), [(PAIR, True), (TORN, True), (ROPE, False)])
+def test_of_two_bodies_the_one_that_leaves_by_ten_times_their_reach_is_left_out(system, leaves):
+    """Both are within 0.24 m of their middle: at 1 m the second is in view, at 30 m only at the start."""
+    for way in (1.0, 30.0):
+        shift = np.where(np.arange(16) < 8, 0, way)[:, None] * (1, 0, 0)
+        _, seen = framed(
+            msd.Scene(system=system), np.array([system.position, system.position + shift]), [0, 1], range(2), 1.5
+        )
+        assert (seen.max() < way) == (leaves and way > 2.4)
 
 
 def filled(camera, position):
