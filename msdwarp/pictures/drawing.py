@@ -25,8 +25,10 @@ from .dressing import (
     outermost_connections,
     part_of,
     particles_of,
+    seams,
     single_particles,
     size_of_grains,
+    spacing_beside,
     torn,
     uncovered,
 )
@@ -38,6 +40,8 @@ from .stage import axes_of
 COLORINGS = ("texture", "strain")
 TUBE, BALL = 0.045, 0.11
 """Radii of springs and of particles over the median rest length, unless a look says otherwise."""
+THREAD = 0.02
+"""Radius of seams over the spacing of the meshes that they join, unless a look says otherwise."""
 INK, PINNED = (0.27, 0.31, 0.36), (0.10, 0.11, 0.13)
 """Colors of free and of pinned particles."""
 MOST_BALLS, LARGE_BALLS = 200, 50
@@ -192,7 +196,7 @@ class Drawing(ReleasedInTurn):
         if self.shows_strain and np.count_nonzero(drawn) > MOST_TUBES:
             drawn = drawn & outermost_connections(system, kept)
         shown = np.flatnonzero(drawn)
-        of_connection = of_particle[system.connections[shown]].max(axis=1)
+        of_connection, of_seam = of_particle[system.connections[shown]].max(axis=1), seams(system)[shown]
         tears = None if surface is None else torn(system)
         of_bare = looks_of(None if tears is None else inside_of(tears.triangles))
         parted_at, inside, until = None if tears is None else tears.parted_at, None, None
@@ -227,15 +231,17 @@ class Drawing(ReleasedInTurn):
             if inside is not None and (mine := of_inside == k).any():
                 last = None if until is None else until[mine]
                 body.append(SurfacePart(part_of(inside, mine), crumb, True, self.device, last))
-            own = shown[of_connection == k]
+            own, plain = shown[of_connection == k], finish._replace(texture=None)
             particles = np.flatnonzero((of_particle == k) & remain & ~alone)
             grains = np.flatnonzero((of_particle == k) & remain & alone)
             if self._plain_tubes and len(own) + len(particles):
                 body += self._tubes_and_balls(system, look, own, particles)
             elif len(own):
-                body += self._ropes(system, look, own, finish._replace(texture=None))
+                sewn = of_seam[of_connection == k]
+                body += self._ropes(system, look, own[~sewn], plain)
+                body += self._threads(system, look, own[sewn], plain)
             if len(grains):
-                body += self._grains(system, look, grains, finish._replace(texture=None))
+                body += self._grains(system, look, grains, plain)
             for part in body[before:]:
                 part.name = name
         return body
@@ -283,6 +289,8 @@ class Drawing(ReleasedInTurn):
 
     def _ropes(self, system: System, look: Look, shown: NDArray, finish: Finish) -> list[Part]:
         """Return springs as round tubes in the color of a look, with balls where they meet."""
+        if not len(shown):
+            return []
         joints = np.unique(system.connections[shown])
         radius = self._radius[joints].max() if look.tube is None else 0.0
         unit = radius / TUBE or self._unit(system, look, shown)
@@ -291,6 +299,15 @@ class Drawing(ReleasedInTurn):
         tubes = self._tubes(system, unit, shown, finish, ROUND)
         tubes.of_rope, balls.of_rope = True, not look.particles
         return [tubes, balls]
+
+    def _threads(self, system: System, look: Look, shown: NDArray, finish: Finish) -> list[Part]:
+        """Return springs between surfaces, which hide their ends, as thin tubes in the color of a look."""
+        if not len(shown):
+            return []
+        radius = THREAD * spacing_beside(system, shown) if look.tube is None else look.tube
+        tubes = self._tubes(system, radius / TUBE, shown, finish, ROUND)
+        tubes.of_rope = True
+        return [tubes]
 
     def _unit(self, system: System, look: Look, shown: NDArray) -> float:
         """Return the length unit of TUBE and BALL for some springs [m]."""

@@ -103,9 +103,7 @@ def uncovered(system: System) -> NDArray[np.bool_]:
     bare, in_none = (np.ones(len(connections), dtype=bool) for _ in range(2))
     if surface is None:
         return bare
-    particle, weights = (each[np.unique(surface.triangles)] for each in surface.mixture)
-    carries = mask_of(particle[weights != 0], system.particle_count)
-
+    carries = _carriers(system, surface)
     body_of = np.full(system.particle_count, -1)
     covered = np.zeros(count + system.particle_count, dtype=bool)
     for k, body in enumerate(system.directions):
@@ -129,8 +127,7 @@ def single_particles(system: System) -> NDArray[np.bool_]:
     """Return a mask of particles without connections that carry no surface, shape [particle_count]."""
     alone = ~mask_of(system.connections.ravel(), system.particle_count)
     if system.surface is not None:
-        particle, weights = (each[np.unique(system.surface.triangles)] for each in system.surface.mixture)
-        alone &= ~mask_of(particle[weights != 0], system.particle_count)
+        alone &= ~_carriers(system, system.surface)
     return alone
 
 
@@ -147,6 +144,27 @@ def size_of_grains(system: System, alone: NDArray[np.bool_]) -> float:
     nearest = np.where(away > 0, away, np.inf).min(axis=1)
     size = min(float(water), 0.5 * float(np.median(nearest)))
     return size if np.isfinite(size) else PINNED_ALONE
+
+
+def seams(system: System) -> NDArray[np.bool_]:
+    """Return a mask of springs with both ends on surfaces, shape [connection_count]; of ties, these are seams."""
+    if system.surface is None:
+        return np.zeros(system.connection_count, dtype=bool)
+    return np.asarray(_carriers(system, system.surface)[system.connections].all(axis=1))
+
+
+def spacing_beside(system: System, ties: NDArray[np.integer]) -> float:
+    """Return the median rest length [m] of the other springs of the particles that these connections join."""
+    ends = mask_of(system.connections[ties], system.particle_count)
+    beside = np.asarray(ends[system.connections].any(axis=1))
+    beside[ties] = False
+    return float(np.median(system.rest_length[beside if beside.any() else ties]))
+
+
+def _carriers(system: System, surface: Surface) -> NDArray[np.bool_]:
+    """Return a mask of the particles with which a surface moves, shape [particle_count]."""
+    particle, weights = (each[np.unique(surface.triangles)] for each in surface.mixture)
+    return mask_of(particle[weights != 0], system.particle_count)
 
 
 def outermost_connections(system: System, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -133,6 +133,25 @@ def test_ropes_are_as_thick_as_their_look_says():
     assert 0.0 < thin < 0.05  # of a rope whose particles are 0.1 m apart
 
 
+@pytest.mark.parametrize(("gap", "rest_length"), [(0.02, 0.002), (0.3, "now")])
+def test_seams_are_threads_by_the_spacing_of_what_they_join_or_by_a_look(gap, rest_length):
+    cloth = msd.sheet((5, 5), 0.05, neighbors=4)
+    rim = np.flatnonzero(cloth.position[:, 0] > 0.09)
+    below = cloth.translate((0, 0, -gap)).named("below")
+    seam = {"pairs": np.stack([rim, rim], axis=1), "stiffness": 1.0, "rest_length": rest_length}
+    sewn = msd.join(cloth, below, **seam)
+
+    def threads(system, **looks):
+        parts = parts_of(msd.Scene(system=system, looks=looks))
+        return [(type(part), part.radius) for part in parts if not isinstance(part, SurfacePart)]
+
+    assert threads(sewn) == [(Tubes, pytest.approx(0.02 * 0.05))]
+    assert threads(sewn, below=msd.Look(tube=0.004)) == [(Tubes, pytest.approx(0.004))]
+    hung = msd.join(sewn, msd.chain(3, 0.4).translate((0, 0, 1)), pairs=[[0, 0]], stiffness=1.0)  # on a rope
+    assert threads(hung)[:2] == [(Tubes, pytest.approx(0.045 * 0.4)), (Balls, pytest.approx(0.045 * 0.4))]
+    assert threads(hung)[2:] == threads(sewn)
+
+
 @pytest.mark.parametrize("sides", [3, 8])
 def test_tubes_have_their_radius_all_around_and_face_outwards(sides):
     scene = msd.Scene(system=ROPE)
