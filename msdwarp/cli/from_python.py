@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 if TYPE_CHECKING:
     from ..files import Trajectory
     from ..integrators import Integrator
-    from ..world import Scene
+    from ..world import Plane, Scene
     from .options import Options
 
 
@@ -65,7 +65,8 @@ def run(
         Print errors only.
     flags
         Any other flag of `msdwarp run`, with underscores: color="strain", azimuth=30.0 [degrees], every=2,
-        settle=True, contact_forces=True, log="energy.csv", body="ball", cut=(0, -1, 0) ...
+        settle=True, contact_forces=True, log="energy.csv", body="ball",
+        cut=Plane((0, -1, 0)) ...
 
     Returns
     -------
@@ -120,6 +121,7 @@ def _options(given: Mapping[str, Any]) -> "Options":
     from .. import checks
     from ..integrators import METHODS, Integrator
     from ..runtime import parameter_meant
+    from ..world import Plane
     from .error_messages import allowed
     from .options import Options
     from .picture_options import Pictures
@@ -135,6 +137,8 @@ def _options(given: Mapping[str, Any]) -> "Options":
         values[name] = values[name] or "none"
     if isinstance(values["resolution"], tuple):
         values["resolution"] = "x".join(map(str, values["resolution"]))
+    if isinstance(values.get("cut"), Plane):
+        values["cut"] = _as_flag(values["cut"])
     for name in ("target", "cut"):
         if isinstance(values.get(name), tuple):
             values[name] = ",".join(map(str, values[name]))
@@ -150,3 +154,13 @@ def _options(given: Mapping[str, Any]) -> "Options":
     values["video"] = values.pop("film")
     pictures = Pictures(**{name: values.pop(name) for name in {*drawn, "video"} & values.keys()})
     return Options(**values, pictures=pictures)
+
+
+def _as_flag(cut: "Plane") -> str:
+    """Return a plane as the flag `cut`; raise ValueError if it cannot cut bodies in space."""
+    from ..world import Look
+
+    Look(cut=cut)  # checks it
+    if wrong := cut.fits(3):
+        raise ValueError(f"cut: {wrong}; in other spaces the scene's Look(cut=...) takes it")
+    return ",".join(map(repr, (*cut.unit_normal(3).tolist(), cut.offset)))

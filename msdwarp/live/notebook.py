@@ -18,7 +18,7 @@ from ..disk import writable_folder
 from ..files import Trajectory
 from ..pictures import FILM_FORMATS, Renderer, check_formats, framed, picture_size, write_film
 from ..simulation import Simulation
-from ..world import Scene
+from ..world import Look, Plane, Scene
 from .opening import scene_of
 
 Progress = Callable[[str, int, int], None]
@@ -104,6 +104,7 @@ def film(
     fps: float | None = None,
     resolution: tuple[int, int] = (1280, 720),
     coloring: str | None = None,
+    cut: Plane | None = None,
 ) -> Path:
     """Write a film of frames, a trajectory, a scene or a simulation; return its path. A film there is replaced.
 
@@ -126,6 +127,8 @@ def film(
         Width and height in pixels.
     coloring
         "texture" or "strain". Default: set by the scene's look.
+    cut
+        A plane that cuts the bodies, as in a `Look`. Default: set by the scene's look.
 
     Returns
     -------
@@ -145,8 +148,10 @@ def film(
     if fps is not None:
         checks.positive("fps", fps)
     resolution = picture_size(resolution)
+    if cut is not None:
+        Look(cut=cut)  # checks it
     writable_folder("path", path.parent, path.parent)
-    return _written(_played(shown, scene, duration, _silent), path, fps, resolution, coloring, _silent)
+    return _written(_played(shown, scene, duration, _silent, cut), path, fps, resolution, coloring, _silent)
 
 
 def _silent(doing: str, done: int, count: int) -> None:
@@ -166,7 +171,9 @@ class _Played(NamedTuple):
     """Frames per second of simulated time."""
 
 
-def _played(shown: Any, scene: Scene | None, duration: float | None, progress: Progress) -> _Played:
+def _played(
+    shown: Any, scene: Scene | None, duration: float | None, progress: Progress, cut: Plane | None = None
+) -> _Played:
     """Return what a film shows, simulated if need be; raise ValueError if that is nothing."""
     if duration is not None:
         checks.positive("duration", duration)
@@ -181,7 +188,7 @@ def _played(shown: Any, scene: Scene | None, duration: float | None, progress: P
         times = [frame.time for frame in frames]
         fps = (len(times) - 1) / (times[-1] - times[0]) if times[-1] > times[0] else 60.0
         assert scene is not None
-        return _Played(scene, [frame.position for frame in frames], times, fps)
+        return _Played(_cut(scene, cut), [frame.position for frame in frames], times, fps)
     if scene is not None:
         raise ValueError("scene is given; it must be None where it is known, as it is not of a list of frames")
     if isinstance(shown, Scene):
@@ -189,6 +196,7 @@ def _played(shown: Any, scene: Scene | None, duration: float | None, progress: P
         shown = Simulation.from_scene(shown)
     else:
         shown, scene = scene_of(shown)
+    scene = _cut(scene, cut)
     if isinstance(shown, Trajectory):
         if scene.system.tears:
             scene = replace(scene, system=scene.system.replace(broken_at=shown.broken_at))
@@ -205,6 +213,11 @@ def _played(shown: Any, scene: Scene | None, duration: float | None, progress: P
     if scene.system.tears:
         scene = replace(scene, system=scene.system.replace(broken_at=shown.snapshot().broken_at))
     return _Played(scene, positions, times, fps)
+
+
+def _cut(scene: Scene, plane: Plane | None) -> Scene:
+    """Return a scene whose bodies a plane cuts, if one is given."""
+    return scene if plane is None else replace(scene, look=replace(scene.look, cut=plane))
 
 
 def _written(
@@ -236,7 +249,7 @@ def _still(scene: Scene, position: NDArray, time: float, resolution: tuple[int, 
     views = []
     for k in range(VIEWS):
         look = scene.look.views[0]
-        turned = replace(scene, look=replace(look, azimuth=(look.azimuth + 360.0 * k / VIEWS) % 360.0))
+        turned = replace(scene, look=replace(look, azimuth=(look.angles()[0] + 360.0 * k / VIEWS) % 360.0))
         image = Renderer(turned, position, resolution=resolution, coloring=coloring).image(position, time)
         file = io.BytesIO()
         Image.fromarray(image).save(file, "webp", quality=80)

@@ -160,3 +160,25 @@ def test_a_cut_is_stored_and_given_by_a_flag():
         msd.Scene(system=BOX, look=msd.Look(cut=msd.Plane((0, 1))))
     with pytest.raises(ValueError, match="cut is a plane with a motion"):
         msd.Look(cut=msd.Plane(motion=lambda t: (0, 0, t)))
+
+
+def test_run_and_film_take_the_plane_of_a_look(tmp_path):
+    plane = msd.Plane((0.3, -1, 0.1), 0.01)
+    scene, how = msd.Scene(system=BOX, duration=0.02), {"resolution": (64, 64)}
+    drawn = scene.replace(look=msd.Look(cut=plane))
+    for of, more, folder in ((scene, {"cut": plane}, "flag"), (drawn, {}, "look")):
+        msd.run(of, tmp_path / folder, quiet=True, **how, **more)
+        msd.film(of, tmp_path / f"{folder}.webp", **how, **more)
+    for name in ("{}/frame_0001.png", "{}.webp"):
+        one, other = ((tmp_path / name.format(folder)).read_bytes() for folder in ("flag", "look"))
+        assert one == other
+    before = set(tmp_path.iterdir())
+    moving = msd.Plane(motion=lambda t: (0, 0, t))
+    for wrong, told in ((moving, "a plane with a motion"), (msd.Plane((0, 1)), "it must have 3 coordinates")):
+        with pytest.raises(ValueError, match=told):
+            msd.run(scene, tmp_path / "wrong", cut=wrong)
+        with pytest.raises(ValueError, match=told):
+            msd.film(scene, tmp_path / "wrong.webp", cut=wrong)
+    with pytest.raises(ValueError, match="cut is 3"):
+        msd.film(scene, tmp_path / "new" / "wrong.webp", cut=3)
+    assert set(tmp_path.iterdir()) == before
