@@ -12,12 +12,13 @@ import numpy as np
 
 from .. import checks
 from ..bodies import in_space
-from ..pictures import ramp
+from ..pictures import Orbit, ramp
 from .access import EVERYWHERE, Access
 from .images import Images, Link
 from .panel import Panel
 from .patches import LEVELS, Patch, compact, levels, patches
 from .sources import Source
+from .tone_mapping import LIGHT, encoded, paint
 
 if TYPE_CHECKING:
     from .view import View
@@ -26,8 +27,6 @@ HOST, PORT = "127.0.0.1", 8080
 """Default address of the page: only this machine can open it."""
 SIZE = (720, 720)
 """Width and height for which the camera is placed."""
-KEY, SURROUNDINGS = 1.6, 0.4
-"""Intensities of key light and surroundings, beside viser's light from above; colors pale if brighter."""
 ALL = "/all"
 """The parent node of the scene: it moves when cameras follow a body, since clients move their own cameras."""
 WORTH = 10_000
@@ -104,7 +103,8 @@ class Browser:
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(217, 96, 59))
         self._server.gui.main_panel.dock_right()  # beside the picture, not over it
         self._server.scene.set_up_direction("+z")
-        self._server.scene.configure_environment_map(environment_intensity=SURROUNDINGS)
+        self._server.scene.configure_environment_map(hdri=None)
+        self._server.scene.configure_default_lights(enabled=False)
         self._all = self._server.scene.add_frame(ALL, show_axes=False)
         self._panel.open(view)
 
@@ -116,6 +116,7 @@ class Browser:
                 self._scene = view.source
                 self._stage = view.staged(SIZE)
                 self._place_camera()
+            self._light()
             for node in self._nodes:
                 node.remove()
             self._nodes, self._patches, self._levels = [], [], {}
@@ -145,13 +146,25 @@ class Browser:
 
     def _place_camera(self) -> None:
         """Place the camera as for pictures."""
-        camera = self._stage.camera
+        camera = Orbit(self._stage.camera).camera  # not straight from above, where its up is undefined
         first = self._server.initial_camera
         first.position, first.look_at, first.up = tuple(camera.eye), tuple(camera.target), (0.0, 0.0, 1.0)
         first.fov = math.radians(camera.field_of_view)
-        self._server.scene.add_light_directional("/key", intensity=KEY, position=tuple(10.0 * camera.light))
         for client in self._server.get_clients().values():
             client.camera.position, client.camera.look_at = camera.eye, camera.target
+
+    def _light(self) -> None:
+        """Light the scene as in pictures."""
+        scene, camera = self._server.scene, self._stage.camera
+        lights = camera.lights(even=self._view.shown.drawing.by_value)
+        floor = tuple(encoded([lights.bounce / lights.sky] * 3).tolist())
+        scene.add_light_hemisphere("/sky", intensity=LIGHT * lights.sky, ground_color=floor, position=(0, 0, 1))
+        places = {"key": camera.light, "head": -camera.forward, "fill": camera.fill}
+        for name, place in places.items():
+            intensity = LIGHT * getattr(lights, name)
+            scene.add_light_directional(
+                f"/{name}", intensity=intensity, cast_shadow=name == "key", position=tuple(place)
+            )
 
     def _open_lenses(self) -> None:
         """Set each client's view angle as for pictures, or on a narrow page so that the width stays in view."""
@@ -190,9 +203,8 @@ class Browser:
         self, name: str, points: np.ndarray, faces: np.ndarray, color: np.ndarray, opacity: float | None = None
     ) -> Any:
         """Add triangles that the mouse can drag."""
-        return self._let_drag(
-            self._server.scene.add_mesh_simple(name, points, faces, color=color, opacity=opacity, side="double")
-        )
+        shown = {"color": paint(color), "opacity": opacity, "side": "double", "receive_shadow": False}
+        return self._let_drag(self._server.scene.add_mesh_simple(name, points, faces, **shown))
 
     def _let_drag(self, node: Any) -> Any:
         """Let the mouse pull the body through a node: at a point on triangles, or along a ray through an image."""

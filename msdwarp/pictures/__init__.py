@@ -5,7 +5,7 @@ from .dressing import particles_of, uncovered
 from .film import FILM_FORMATS, check_formats, write_film
 from .framing import framed
 from .legend import legends, ramp
-from .onscreen import OnScreen
+from .onscreen import OnScreen, Orbit
 from .opengl_window import no_display
 from .parts import Obstacle, Part, Tubes
 from .renderer import Renderer, no_opengl, picture_size
