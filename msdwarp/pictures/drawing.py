@@ -18,6 +18,7 @@ from ..world import FINISHES, Look, Scene, radii
 from .collider_meshes import meshes, walls
 from .dressing import (
     OBSTACLES,
+    atlas,
     inside_color,
     inside_of,
     look_of_particles,
@@ -385,21 +386,3 @@ def _coordinate(vectors: Any, k: int) -> wp.array:
     scalar = vectors.dtype._wp_scalar_type_
     start = vectors.ptr + k * wp.types.type_size_in_bytes(scalar)
     return wp.array(ptr=start, dtype=scalar, shape=vectors.shape, strides=vectors.strides, device=vectors.device)
-
-
-def atlas(images: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8], list[tuple[NDArray, NDArray]]]:
-    """Stack several images into one, and return it with (c, s) for each: its uv becomes c + s uv.
-
-    A frame around each image repeats its outermost pixels, so that interpolation at edges does not mix images.
-    """
-    framed = [np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge") for image in images]
-    width, height = max(image.shape[1] for image in framed), sum(len(image) for image in framed)
-    whole = np.zeros((height, width, 3), dtype=np.uint8)
-    places, row = [], 0
-    for image in framed:
-        rows, columns, _ = image.shape
-        whole[row : row + rows, :columns] = image
-        corner = np.array([1 / width, 1 - (row + rows - 1) / height])
-        places.append((corner, np.array([(columns - 2) / width, (rows - 2) / height])))
-        row += rows
-    return whole, places

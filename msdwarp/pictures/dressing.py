@@ -184,3 +184,21 @@ def outermost_connections(system: System, kept: NDArray[np.bool_]) -> NDArray[np
         outside = neighbours < neighbours.max()
     chosen = np.asarray(outside[connections].all(axis=1))
     return chosen if chosen.any() else np.ones(len(connections), dtype=bool)
+
+
+def atlas(images: Sequence[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8], list[tuple[NDArray, NDArray]]]:
+    """Stack several images into one, and return it with (c, s) for each: its uv becomes c + s uv.
+
+    A frame around each image repeats its outermost pixels, so that interpolation at edges does not mix images.
+    """
+    framed = [np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge") for image in images]
+    width, height = max(image.shape[1] for image in framed), sum(len(image) for image in framed)
+    whole = np.zeros((height, width, 3), dtype=np.uint8)
+    places, row = [], 0
+    for image in framed:
+        rows, columns, _ = image.shape
+        whole[row : row + rows, :columns] = image
+        corner = np.array([1 / width, 1 - (row + rows - 1) / height])
+        places.append((corner, np.array([(columns - 2) / width, (rows - 2) / height])))
+        row += rows
+    return whole, places

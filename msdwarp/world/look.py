@@ -129,8 +129,8 @@ class Look:
         color, the balls are no thicker than the connections. Single particles always are balls.
     tube
         Radius of drawn connections, such as ropes, and of single particles that no `Contact` gives a thickness
-        [m]. None: half of the thickness that a `Contact` gives; else a fraction of the rest length, of seams, which
-        join surfaces, one of the spacing beside them, and for single particles what fits between them.
+        [m]. None: half of the thickness that a `Contact` gives; else a fraction of the rest length, of seams,
+        which join surfaces, one of the spacing beside, and for single particles what fits between them.
     """
 
     color: str = "#d9603b"

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 import msdwarp as msd
 from msdwarp import textures
-from msdwarp.pictures.drawing import atlas
+from msdwarp.pictures.dressing import atlas
 
 
 def face(image, k):
