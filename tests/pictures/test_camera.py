@@ -145,6 +145,15 @@ def test_a_stored_scene_keeps_its_camera(cube):
     assert not {"path", "field_of_view"} & scene_as_stored(scene_of(cube), [0.0])[0]["look"].keys()
 
 
+def test_looks_of_groups_in_older_files_name_fields_of_the_whole_picture(cube):
+    scene = msd.Scene(system=cube.named("cube"), looks={"cube": msd.Look(color="#c03020")})
+    described, arrays = scene_as_stored(scene, [0.0])
+    described["looks"][0]["look"] |= {"azimuth": -60.0, "elevation": 16.0}
+    again = scene_from_stored(scene.system, described, arrays)
+    assert again.looks["cube"].color == "#c03020"
+    assert (again.look.azimuth, again.look.elevation) == OBLIQUE
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_still_is_the_mean_of_shifted_views(cube, backend):
