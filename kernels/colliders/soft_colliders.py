@@ -31,7 +31,7 @@ class SoftTerm(NamedTuple):
 
 
 @functools.cache
-def soft_data(dim: int, scalar: type, round_particles: bool = False):
+def soft_data(dim: int, scalar: type, round_particles: bool):
     """Compose the struct of soft obstacles; for `round_particles`, which have a radius against them."""
     Solids = solids(dim, scalar)
 
@@ -53,7 +53,7 @@ def soft_data(dim: int, scalar: type, round_particles: bool = False):
 
 
 @functools.cache
-def soft_force(dim: int, scalar: type, kinds: tuple[str, ...], round_particles: bool = False):
+def soft_force(dim: int, scalar: type, kinds: tuple[str, ...], round_particles: bool):
     """Compose (push, numbers) of obstacle p: the force on a particle of inverse mass w [N]; p's parameters."""
     V, Numbers, SoftData = vector(dim, scalar), vector(5, scalar), soft_data(dim, scalar, round_particles)
     distance_from = signed_distance(dim, scalar, kinds, round_particles)
@@ -172,7 +172,8 @@ def soft_adjoint(dim: int, scalar: type, kinds: tuple[str, ...], by_mass: bool, 
     If `by_own`, also to those by obstacles' parameters and positions, with a row for each particle and obstacle.
     """
     V, (load, store, _) = vector(dim, scalar), records(dim, scalar)
-    Data, (push, numbers) = soft_data(dim, scalar), soft_force(dim, scalar, kinds)
+    # Only contact between bodies gives particles a radius, and has no gradients.
+    Data, (push, numbers) = soft_data(dim, scalar, False), soft_force(dim, scalar, kinds, False)
     Numbers = vector(5, scalar)
 
     @wp.func

@@ -121,7 +121,6 @@ def test_a_body_beside_another_is_drawn_as_it_is_alone(one, other):
         alone = [
             triangles_in_pictures(Scene(system=each, look=look), moved([each], time), time)[0]
             for each in (one, other)
-            if each.connection_count  # of particles alone there is no picture
         ]
         position = moved((one, other), time)
         beside, _ = triangles_in_pictures(Scene(system=one + other, look=look), position, time)
