@@ -22,7 +22,7 @@ from .diagnostics.energy_balance import (
     size,
     weight,
 )
-from .diagnostics.probes import GroupMeans, Sensors, sensors_of
+from .diagnostics.probes import GroupMeans, Sensors, measure_substep, sensors_of
 from .diagnostics.rate_bounds import (
     Rates,
     functions_of,

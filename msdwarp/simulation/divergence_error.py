@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ..engine import rate_bounds
 from ..integrators import choose_forced
+from .pinned_staging import to_host
+from .stepping import Stepping
 
 INSIDE_MATTERS = 1.0
 """Until this time [s] an initial overlap with an obstacle or body is assumed to cause a divergence."""
@@ -57,6 +59,23 @@ class SimulationDiverged(RuntimeError):
         vars(self).update(details)
 
 
+def locate_divergence(stepping: Stepping) -> Divergence:
+    """Simulate the last frame again, and check each substep; return where it diverged, and go back."""
+    stepping.go_back()
+    stepping.dynamics.begin_frame(stepping.frame_start)
+    good, substep = to_host(stepping.state.x), 0
+    for substep in range(stepping.choice.substeps):
+        good = to_host(stepping.state.x)
+        stepping.stepper.take(1, substep)
+        stepping.watch.look(stepping.found)
+        stepping.found.mark()
+        if stepping.watch.finds_trouble(stepping.found):
+            break
+    divergence = Divergence(good, substep + 1, stepping.watch.worst_particle())
+    stepping.go_back()
+    return divergence
+
+
 def divergence_of(run: Any, failure: Any = None) -> SimulationDiverged:
     """Return the error for the last frame of a `Run`, after going back to its start.
 
@@ -66,7 +85,7 @@ def divergence_of(run: Any, failure: Any = None) -> SimulationDiverged:
     stepping, gained = (run.stepping, None) if failure is None else (failure.stepping, failure.gained)
     choice, time, inside, too_far = stepping.choice, run.time, run.inside, stepping.too_far
     try:
-        position, substep, particle = stepping.locate_divergence()
+        position, substep, particle = locate_divergence(stepping)
         rates = rate_bounds(run.problem.system, stepping.assembly, stepping.state)
         needed = max(choice.least, choose_forced(rates, run.chooser.method, choice.fps, 1).least)
         system = run.problem.system.replace(**stepping.assembly.changed_fields())

@@ -14,7 +14,7 @@ from ..engine import Assembly, Dynamics, rate_bounds, starting_state, weight
 from ..integrators import SymplecticEuler, choose_stable
 from ..runtime import in_turn
 from ..world import Attachment, Collider, Load, Problem
-from .divergence_error import SimulationDiverged
+from .divergence_error import SimulationDiverged, locate_divergence
 from .stepping import Stepping
 
 SUBSTEPS = 64
@@ -126,7 +126,7 @@ def settled(
             if safety > LEAST_SAFETY:
                 how: dict[str, Any] = {"tolerance": tolerance, "most": most, "threads": threads, "time": time}
                 return settled(problem, assemble, **how, safety=0.25 * safety)
-            found = stepping.locate_divergence()
+            found = locate_divergence(stepping)
             raise SimulationDiverged(
                 f"settling diverged in substep {taken + found.substep}, at particle {found.particle}: a number is "
                 "no longer finite",

@@ -20,14 +20,15 @@ from ..engine import (
     Dynamics,
     EnergyBalance,
     EnergySums,
+    Found,
     FrozenWorlds,
     Rates,
-    Sensors,
     State,
     Stepper,
     Steps,
     Velocities,
     is_told_by_frames,
+    measure_substep,
     potential,
     sensors_of,
     size,
@@ -36,8 +37,7 @@ from ..engine import (
 from ..integrators import Integrator, StepChoice
 from ..runtime import record, stop_if_asked
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
-from .divergence_error import Divergence
-from .pinned_staging import PinnedStaging, to_host
+from .pinned_staging import PinnedStaging
 from .track import Track, Tracks, can_judge_late
 
 MANY = 3
@@ -80,7 +80,7 @@ class Stepping:
         how = {"energy_limit": energy_limit, "blocks": blocks, "watch_energy": watch_energy, "still": still}
         self._again = partial(type(self), dynamics, state, method, **how)
         self.integrator = method.fitted(Rates.all_within([one.rates for one in choices]), choice.step)
-        self._time, self._frame_start, own = time, time, self.integrator
+        self._time, self.frame_start, own = time, time, self.integrator
         self._steps = Steps(choice.fps, choice.substeps, own.stage_times, own.weights, own.lag, own.lagging, still)
         dynamics.begin(self._steps)
         dynamics.hold(time)
@@ -97,7 +97,7 @@ class Stepping:
             dynamics,
             state,
             partial(own.substep, state, own.workspace(state), choice.step),
-            after_substep=sensors and partial(_measure_substep, sensors, dynamics, state, velocities),
+            after_substep=sensors and partial(measure_substep, sensors, dynamics, state, velocities),
             blocks=blocks,
         )
         self.watch = DivergenceMonitor(self.assembly, state, limit, baseline)
@@ -141,7 +141,7 @@ class Stepping:
     def undoing(self) -> Iterator[None]:
         """Go back to the present state and baseline if a block that writes to the arrays fails."""
         self._tracks.current.keep()
-        baseline, self._frame_start = self.watch.baseline, self._time
+        baseline, self.frame_start = self.watch.baseline, self._time
         try:
             yield
         except BaseException:  # of a function of time, or of a signal's handler
@@ -224,11 +224,11 @@ class Stepping:
         try:
             if not self._tracks.advance():
                 self._take_frame(time, self._tracks.current)
-            self._frame_start, self._time = time, (round(time * self.choice.fps) + 1) / self.choice.fps
+            self.frame_start, self._time = time, (round(time * self.choice.fps) + 1) / self.choice.fps
             return self._judge(time, next_time, self._tracks.current)
         except BaseException:  # of a function of time or a signal's handler: the caller does not count this frame
             if self._tracks.current.time == time:
-                self._frame_start = time
+                self.frame_start = time
                 self.go_back()
             raise
 
@@ -262,9 +262,8 @@ class Stepping:
     def _will_be_void(self) -> bool:
         """Return whether the frame must be repeated, though only part of it has been taken."""
         void = any(effect.will_be_void() for effect in self.assembly.all)
-        if void:
-            for effect in self.assembly.all:
-                effect.look()
+        for effect in self.assembly.all if void else ():
+            effect.look()
         return void
 
     def _is_fine(self, track: Track) -> bool:
@@ -322,7 +321,7 @@ class Stepping:
 
     def begin_at(self, time: float) -> None:
         """Set the time [s] of the state that the caller writes next."""
-        self._time = self._frame_start = time
+        self._time = self.frame_start = time
         self.dynamics.hold(time)
 
     def reset_baseline(self) -> None:
@@ -335,7 +334,7 @@ class Stepping:
             self.dynamics.begin(self._steps)
         self._tracks.ahead = None
         self._tracks.current.restore()
-        self.begin_at(self._frame_start)
+        self.begin_at(self.frame_start)
 
     def _launch_part(self, part: range, track: Track) -> None:
         """Launch some substeps of a frame; after the last also the checks and sensors at the frame's end."""
@@ -383,21 +382,10 @@ class Stepping:
         both = filter(None, (self._frame_sensors, self._substep_sensors))
         return {name: rows for sensors in both for name, rows in sensors.read().items()}
 
-    def locate_divergence(self) -> Divergence:
-        """Simulate the last frame again, and check each substep; return where it diverged, and go back."""
-        self.go_back()
-        self.dynamics.begin_frame(self._frame_start)
-        found, good, substep = self._tracks.current.found, to_host(self.state.x), 0
-        for substep in range(self.choice.substeps):
-            good = to_host(self.state.x)
-            self.stepper.take(1, substep)
-            self.watch.look(found)
-            found.mark()
-            if self.watch.finds_trouble(found):
-                break
-        divergence = Divergence(good, substep + 1, self.watch.worst_particle())
-        self.go_back()
-        return divergence
+    @property
+    def found(self) -> Found:
+        """What the checks at the end of the last frame found."""
+        return self._tracks.current.found
 
     def velocity(self) -> wp.array:
         """Return the velocities at the time of the positions [m/s], on the device."""
@@ -410,9 +398,3 @@ class Stepping:
             position = position.astype(np.float64) - self.state.compensation.x.numpy()
             velocity = velocity.astype(np.float64) - self.state.compensation.v.numpy()
         return Frame(time, *(self.model.of_each(self.model.by_world(one)) for one in (position, velocity)))
-
-
-def _measure_substep(sensors: Sensors, dynamics: Dynamics, now: State, velocities: Velocities, k: int) -> None:
-    """Launch the probes that measure at the end of each substep."""
-    with dynamics.measuring():
-        sensors.launch(velocities.read() if sensors.moves else now.v, k)

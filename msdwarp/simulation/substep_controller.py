@@ -30,10 +30,8 @@ MOST_GAINED = 0.08
 """A run ends when its energy has risen above the floor by this fraction of the scale."""
 ROUNDED = 1e-4
 """Rounding errors exceed this fraction of the allowance only if they add up; one error is a tenth of it."""
-MOST_REFINEMENT = 64.0
-"""The largest refinement that is tried."""
-MUCH = 16.0
-"""A refinement that is warned of."""
+MOST_REFINEMENT, MUCH = 64.0, 16.0
+"""The largest refinement that is tried, and one that is warned of."""
 SAME = 0.7
 """If halving the step keeps more than this fraction of a rise, the rise is physical. Order 1 keeps half."""
 SLOW = 0.25
@@ -118,8 +116,6 @@ class StepController:
         """Start without warnings."""
         self.warnings: dict[type[Warning], str] = {}
         """Messages of pending warnings, by class of warning."""
-        self.told = False
-        """Whether the run has been warned of a frame that takes many substeps."""
         self.strained = self.next_look = 0
         """Frames since a check found a large strain, and of these before the next look for inverted cells."""
 
@@ -330,7 +326,7 @@ class StepController:
         """Update the least and the largest energies."""
         self.least, self.floor = min(self.least, balance.energy), min(self.floor, balance.energy)
         self.low, self.high = min(self.low, balance.free), max(self.high, balance.free)
-        self.scale = max(self._scale_of(balance), _own_scale(balance))
+        self.scale = max(self._scale_of(balance), balance.scale)
 
     def _refine(
         self, stepping: Stepping, stable_choice: Callable[[], StepChoice]
@@ -347,22 +343,21 @@ class StepController:
         too_early = self.quiet_frames < self.coarsen_after
         self.coarsen_after = min(2 * self.coarsen_after, MOST_PATIENCE) if too_early else PATIENCE
         self.quiet_frames = 0
+        before = self.refinement
         self.refinement = max(2 * self.refinement, 2 * stepping.choice.substeps / choice.substeps)
-        self._tell_refinement(stepping)
+        if before < MUCH <= self.refinement:
+            self._tell_refinement(stepping.end)
         stepping = self._with_choice(stepping, choice.refined(self.refinement))
         return stepping, stepping.balance()
 
-    def _tell_refinement(self, stepping: Stepping) -> None:
-        """Warn once, before the wait, if a frame takes far more substeps than stability requires."""
-        if self.refinement >= MUCH and not self.told:
-            self.told = True
-            checks.warn(
-                f"the frame from {stepping.end:.4g} s on takes long: its energy rises unless it has "
-                f"{self.refinement:.0f} times as many substeps as are stable, as motion is too violent for them; "
-                "let bodies start nearer to their rest lengths and further apart, make contact softer by "
-                "Contact(stiffness=...), or give the number of substeps yourself",
-                checks.StepWarning,
-            )
+    def _tell_refinement(self, time: float) -> None:
+        """Warn, before the wait, of a frame that takes far more substeps than stability requires."""
+        message = (
+            f"the frame from {time:.4g} s on takes long: its energy rises unless it has {self.refinement:.0f} "
+            "times as many substeps as are stable; let bodies start nearer to their rest lengths, make contact "
+            "softer by Contact(stiffness=...), or give the number of substeps yourself"
+        )
+        checks.warn(message, checks.StepWarning)
 
     def _with_choice(self, stepping: Stepping, choice: StepChoice) -> Stepping:
         """Return the `Stepping` with another choice; correct energies for the change of the conserved energy."""
@@ -380,14 +375,6 @@ class StepController:
         return stepping
 
 
-def _own_scale(balance: EnergyBalance) -> float:
-    """Return the scale of a state's energies [J]: at least the external work, whose error is of first order.
-
-    Motion of the whole body has a small weight, since it is not internal energy.
-    """
-    return max(balance.inner + 0.05 * balance.kinetic, abs(balance.work))
-
-
 def _scale_within(stepping: Stepping, time: float) -> float:
     """Take the frame from `time` [s] again; return the largest scale within [J], and go back to its start."""
     stepping.go_back()
@@ -398,7 +385,7 @@ def _scale_within(stepping: Stepping, time: float) -> float:
         stop_if_asked()
         balance, first = stepping.balance(), end
         stepping.watch.allow_for_work(balance.work)
-        scale = max(scale, _own_scale(balance))
+        scale = max(scale, balance.scale)
     stepping.go_back()
     return scale
 
@@ -408,5 +395,5 @@ def _is_physical(stepping: Stepping, rises: list[float]) -> bool:
 
     An isolated body has no source of energy. A fixed obstacle is a source if a body starts inside it.
     """
-    has_source = not all(one.conserves for one in stepping.assembly.all)
-    return has_source and len(rises) > 2 and min(rises[-3:]) >= SAME * max(rises[-3:])
+    isolated = all(one.conserves for one in stepping.assembly.all)
+    return not isolated and len(rises) > 2 and min(rises[-3:]) >= SAME * max(rises[-3:])

@@ -16,7 +16,7 @@ from msdwarp import (
     chain,
     sheet,
 )
-from msdwarp.engine.collision import division_planes, neighbor_list as nearby
+from msdwarp.engine.collision import division_planes, neighbor_list as nearby, skin
 
 SPACING, THICKNESS, STIFFNESS, MASS = 0.1, 0.01, 400.0, 1e-3
 SIZE = 64
@@ -215,7 +215,7 @@ def test_lists_and_overflow_change_nothing(device, monkeypatch):
         return np.concatenate(simulation.frame()[1:])
 
     expected = run()
-    for module, name, value in ((nearby, "LEAST_SKIN", 1.5), (nearby, "ROOM", 1), (division_planes, "ROOM", 0)):
+    for module, name, value in ((skin, "LEAST_SKIN", 1.5), (nearby, "ROOM", 1), (division_planes, "ROOM", 0)):
         monkeypatch.setattr(module, name, value)
         np.testing.assert_array_equal(run(), expected)
 

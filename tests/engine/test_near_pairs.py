@@ -82,7 +82,7 @@ def test_all_near_pairs_are_listed_once(plain_device):
     s = effect.surfaces.on_host
     x = np.einsum("vk,vkd->vd", s.weight, simulation.frame().position[s.particle])
     pairs, away = all_pairs(effect, x)
-    reach = float(neighbors.buffer.numpy()[0]) + planes.activation
+    reach = float(neighbors.skin.on_device.numpy()[0]) + planes.activation
     near = {pair for pair, distance in zip(pairs, away, strict=True) if distance < reach}
     # The search looks 1 % further, since positions are rounded.
     nearly = {pair for pair, distance in zip(pairs, away, strict=True) if distance < 1.011 * reach}

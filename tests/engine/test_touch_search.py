@@ -21,7 +21,7 @@ from msdwarp import (
     sheet,
     shell,
 )
-from msdwarp.engine.collision import neighbor_list as nearby, room as lists
+from msdwarp.engine.collision import neighbor_list as nearby, room as lists, skin as skin_module
 from msdwarp.engine.collision.body_contact import BodyContact
 from msdwarp.engine.stepping import pace
 from msdwarp.simulation import stepping
@@ -109,9 +109,9 @@ def test_surfaces_list_all_that_is_near(plain_device, monkeypatch, contact):
     thickness = (
         np.full(own.shape, contact.thickness) if contact.thickness else s.radius[mine][:, None] + s.radius[other]
     )
-    skin = nearby.LEAST_SKIN * (contact.thickness or 2 * s.radius.max())
+    skin = skin_module.LEAST_SKIN * (contact.thickness or 2 * s.radius.max())
     speed = np.linalg.norm(np.einsum("vk,vkd->vd", s.weight, velocity[s.particle]), axis=1)
-    soon = (effect.neighbors.check_every + nearby.ALLOWANCE) * 1e-3
+    soon = (skin_module.CHECK_EVERY + skin_module.ALLOWANCE) * 1e-3
     slack = np.maximum(0.5 * skin, soon * speed)  # of each vertex
     assert 0.1 < (slack > 0.5 * skin).mean() < 0.5
     assert slack.max() < effect.neighbors.overruns.most
@@ -178,7 +178,7 @@ def test_runs_repeat_to_the_last_bit(device_that_repeats):
 @pytest.mark.parametrize("buffer", [0.02, 1.0])
 def test_the_skin_changes_nothing(device_that_repeats, monkeypatch, buffer):
     expected = ran(scene(device_that_repeats))
-    monkeypatch.setattr(nearby, "LEAST_SKIN", buffer)
+    monkeypatch.setattr(skin_module, "LEAST_SKIN", buffer)
     np.testing.assert_array_equal(ran(scene(device_that_repeats)), expected)
 
 
@@ -261,11 +261,11 @@ def test_what_starts_at_once_gives_more_slack_to_few_alone(monkeypatch):
     neighbors = contact_of(simulation).neighbors
     simulation.step()
     assert neighbors.path > 0.05  # more than a spacing
-    assert neighbors._skin_now <= neighbors._widest
+    assert neighbors.skin.width <= neighbors.skin.widest
     slack = neighbors.data.overrun.numpy()
-    assert slack.max() > 4 * neighbors._widest
-    assert 0.1 < (slack[1] > neighbors._widest).mean() < 0.5  # of what starts, the seam alone
-    monkeypatch.setattr(nearby, "LEAST_SKIN", 40.0)  # so wide that lists hold
+    assert slack.max() > 4 * neighbors.skin.widest
+    assert 0.1 < (slack[1] > neighbors.skin.widest).mean() < 0.5  # of what starts, the seam alone
+    monkeypatch.setattr(skin_module, "LEAST_SKIN", 40.0)  # so wide that lists hold
     wide = seam()
     wide.step()
     np.testing.assert_array_equal(np.concatenate(simulation.frame()[1:]), np.concatenate(wide.frame()[1:]))

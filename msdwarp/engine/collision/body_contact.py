@@ -195,7 +195,7 @@ class BodyContact(WithHistory):
     @property
     def recorded_for(self) -> tuple[int, bool, tuple[bool, bool]]:
         """What recorded launches depend on: how often searches begin, their reach, how pairs are kept apart."""
-        return self.neighbors.check_every, self.neighbors.overruns.any, self.planes.recorded_for
+        return self.neighbors.skin.check_every, self.neighbors.overruns.any, self.planes.recorded_for
 
     def begin_substep(self, substep: int) -> bool:
         """Pass the number of the coming substep to the neighbor list."""
@@ -222,7 +222,7 @@ class BodyContact(WithHistory):
         `times` are fields of the kernels' `Substep`; `sums` take stored energy [J] and dissipated power [W].
         """
         model, lanes = self._model, self.lanes(self.surfaces.triangles or measuring)
-        inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.buffer]
+        inputs = [self._data, *times, 1.0 / self.data.unit, self.neighbors.skin.on_device]
         at_a_time = model.device.sm_count * BLOCKS * BLOCK  # on a GPU: further threads would only start and end
         kernel = self._kernel(measuring)
         self.neighbors.launch_parts(kernel, lanes * self._points, inputs, [self._flags, *sums], at_a_time, BLOCK)

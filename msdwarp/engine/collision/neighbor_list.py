@@ -1,6 +1,6 @@
 """NeighborList: lists of the facets near each contact point, which are valid for some substeps.
 
-The device decides when to search; `judge` chooses the width of the skin, the margin of a search.
+The device decides when to search; `skin.py` chooses the margin of a search.
 `simulation/stepping.py` repeats a frame whose lists became invalid or had no room.
 """
 
@@ -28,7 +28,7 @@ from ...kernels.collision.contact_data import (
 from ...kernels.collision.facet_tree import begin_search, box_facets, box_neighbours, find_roots
 from ...kernels.collision.neighbor_search import BLOCK, find_candidates, find_rows, range_of_speeds
 from ...kernels.collision.segments_and_spheres import find_rows_of_grains
-from ...kernels.collision.vertices import FURTHER, place_vertices
+from ...kernels.collision.vertices import place_vertices
 from ...kernels.compensation import compensated_sum
 from ...kernels.lanes import WARP
 from ..device.launcher import Launcher
@@ -39,6 +39,7 @@ from .division_planes import DivisionPlanes
 from .facet_tree import facet_tree, near_together
 from .overruns import Overruns
 from .room import ROOM_TO_SPARE, check_room, room_for
+from .skin import ALLOWANCE, CHECK_EVERY, LEAST_ALLOWANCE, NARROWER, Skin
 from .tables_by_world import Repeated
 from .torn_facets import TornFacets
 
@@ -52,36 +53,14 @@ MORTON_BITS = 16
 """Cells along each axis in which places are sorted, as a power of 2."""
 ROOM = 32
 """Initial room for facets in a row, and for bodies near a body."""
-LEAST_SKIN = 0.25
-"""Initial and least width of the skin, as a fraction of the distance at which bodies touch."""
-SKIN_BY_PATH = 2.0 * FURTHER
-"""Width of the skin over the longest path of a vertex while lists should be valid; at least 2 are needed."""
-WIDEST_SKIN = 0.5
-"""Largest width of the skin, over the distance at which bodies touch, unless the next limit is wider."""
-SPACINGS_OF_SKIN = 0.4
-"""Largest width of the skin, as a fraction of the least spacing; wider means longer rows, fewer searches."""
 LONGEST_PATH = 64.0
 """A body that moves this multiple of its spacing, or of the contact distance, in a substep has diverged, or is too
 fast for contact."""
-FEW_OVERRUNS = 3
-"""Frames one after the other in which vertices may move further than foreseen, before all get a wider skin."""
 MOST_THREADS = 2**14
 """Threads on a GPU that examine the active points."""
-MOST_BETWEEN = 32
-"""Substeps between two searches for which the width of the skin is chosen, within its limits."""
-CHECK_EVERY = 4
-"""Substeps between a GPU's decisions whether to search: a launch that depends on it takes 10 µs.
-
-A CPU decides in every substep. So does a GPU if rarer decisions needed a skin wider than the widest.
-"""
-NARROWER = 0.8
-"""Least width of the skin, over that in the frame before."""
 MOST_SLACK = 4.0
 """Largest slack of a fast vertex, over the largest width of the skin: what diverges must not be near all. Vertices
 that have moved further get more."""
-ALLOWANCE, LEAST_ALLOWANCE = 0.5, 0.25
-"""Further substeps for which lists must stay valid, as vertices may become faster: when lists are made, and at a
-decision."""
 
 
 class NeighborList:
@@ -114,12 +93,9 @@ class NeighborList:
         self.farthest = thickest
         """The largest distance of any contact [m]."""
         spacing = on_host.spacing[on_host.spacing > 0]
-        least_spacing = float(spacing.min()) if len(spacing) else 0.0
-        self._widest = max(WIDEST_SKIN * thickest, SPACINGS_OF_SKIN * least_spacing)
-        self._least_skin = LEAST_SKIN * thickest
+        self.skin = Skin(thickest, float(spacing.min()) if len(spacing) else 0.0, model)
         self.longest_path = LONGEST_PATH * max(thickest, float(spacing.max(initial=0.0)))
         """A body has diverged, or is too fast for contact, if it moves further in a substep [m]."""
-        self._skin_now = self._least_skin
         self.path = self.too_far = 0.0
         """The longest path of a vertex in a substep of the last frame [m]; `too_far`: if it is too long."""
         self.active = 0
@@ -127,12 +103,8 @@ class NeighborList:
         self.launcher = Launcher()
         self.torn: TornFacets | None = None
         """Leaves out torn facets where a frame begins; None if nothing can tear."""
-        self.check_every = self._check_every = CHECK_EVERY if device.is_cuda else 1
-        """Substeps between decisions whether to search: now, and as long as nothing is fast."""
         self.dt, self.substep = 0.0, 0
         """Length of a substep [s], and the number of the coming one."""
-        self.buffer = wp.full(1, self._skin_now, dtype=scalar, device=device)
-        """The skin [m], shape [1]: how far the search reaches beyond the distance of contact."""
         self.flags: Any = wp.zeros(model.worlds * FLAGS, dtype=float, device=device)
         """Flags set by launches since they were last read, by world: see `kernels.collision.contact_data`."""
         owner, x_first = surfaces.data.owner.numpy(), surfaces.data.x.numpy()[: len(on_host.particle)]
@@ -159,7 +131,7 @@ class NeighborList:
         data.body_pair_count = wp.zeros(bodies, dtype=int, device=device)
         data.moved, data.spare = (wp.zeros(bodies, dtype=float, device=device) for _ in "ms")
         data.slack = wp.zeros(len(data.x_found), dtype=float, device=device)
-        slacks = MOST_SLACK * self._widest, 0.5 * self._least_skin, self.longest_path
+        slacks = MOST_SLACK * self.skin.widest, 0.5 * self.skin.least, self.longest_path
         self.overruns = Overruns(model, len(data.x_found), *slacks)
         data.overrun, data.started = self.overruns.least, self.overruns.started
         data.facet_slack = wp.zeros(len(owner), dtype=scalar, device=device)
@@ -239,8 +211,19 @@ class NeighborList:
         if compensation is None:
             compensation = compensated_sum(model.dim, model.scalar, False)[0]()
         kernel = place_vertices(model.dim, model.scalar, compensated, model.in_worlds)
-        ahead = (self.check_every + LEAST_ALLOWANCE) * self.dt if checks else 0.0
-        inputs = [contact, compensation, x, v, after, self.dt, ahead, self.buffer, self.longest_path, int(begins)]
+        ahead = (self.skin.check_every + LEAST_ALLOWANCE) * self.dt if checks else 0.0
+        inputs = [
+            contact,
+            compensation,
+            x,
+            v,
+            after,
+            self.dt,
+            ahead,
+            self.skin.on_device,
+            self.longest_path,
+            int(begins),
+        ]
         self.launch_parts(kernel, len(contact.surfaces.x), inputs, [self.flags])
 
     def search(
@@ -253,7 +236,7 @@ class NeighborList:
         """
         if frame_begins and self.torn is not None:
             self.torn.leave_out(self.launch_parts)
-        checks = frame_begins or (begins and self.substep % self.check_every == 0)
+        checks = frame_begins or (begins and self.substep % self.skin.check_every == 0)
         self.place(x, v, compensation, after, checks, begins)
         if checks:
             self._find_if_due(after, frame_begins)
@@ -285,10 +268,13 @@ class NeighborList:
         tree, given = self.tree, [self._contact, self.tree]
         many = max(len(self.data.x_found), len(tree.group), len(tree.body_lower))
         # A few fast vertices would else cause a search in each substep; many would be near all.
-        substeps = self.check_every if self.overruns.any else CHECK_EVERY
+        substeps = self.skin.check_every if self.overruns.any else CHECK_EVERY
         soon = (substeps + ALLOWANCE) * self.dt
         self.launch(
-            self._begin_search, many, [*given, self.buffer, soon, self.overruns.most, after, int(frame_begins)], []
+            self._begin_search,
+            many,
+            [*given, self.skin.on_device, soon, self.overruns.most, after, int(frame_begins)],
+            [],
         )
         self.launch(self._box_facets, self._warp * len(tree.leaf), given, [])
         for one in (self._binary, self._bodies):
@@ -332,7 +318,7 @@ class NeighborList:
         most = flags.max(axis=0, initial=0.0)
         full = most[PAIRS] > len(self.planes.pairs.vertices) or most[NEAR_FACETS] > 0.0
         return (
-            most[MOVED] <= 0.5 * self._skin_now
+            most[MOVED] <= 0.5 * self.skin.width
             and not full
             and not self._overflows(*most[[LONGEST_ROW, MOST_BODY_PAIRS]])
         )
@@ -357,20 +343,8 @@ class NeighborList:
             return False
         highest = flags.max(axis=0)[[MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS]]
         moved, path, near_path, longest, body_pairs = highest.tolist()
-        held = moved <= 0.5 * self._skin_now
-        narrowest = 2.0 * path * (CHECK_EVERY + ALLOWANCE)
-        if narrowest > self._widest:
-            self.check_every = 1
-        elif narrowest < 0.5 * self._widest:
-            self.check_every = self._check_every
-        foreseen = max(MOST_BETWEEN * near_path, 0.0 if held else moved)
-        wanted = min(self._widest, max(self._least_skin, SKIN_BY_PATH * foreseen))
-        if not held and self.overruns.following >= FEW_OVERRUNS:  # others each time: then all get more
-            wanted = max(wanted, SKIN_BY_PATH * moved)
-        if wanted > self._skin_now or wanted < NARROWER * self._skin_now:
-            # It narrows over some frames: what was too fast once may soon be again, and a frame is repeated then.
-            self._skin_now = max(wanted, NARROWER * self._skin_now)
-            self.buffer.fill_(self._skin_now)
+        held = moved <= 0.5 * self.skin.width
+        if self.skin.choose(path, near_path, moved, self.overruns.following):
             self.invalidate()
         overflown = self._overflows(longest, body_pairs)
         overflown |= self.planes.judge(pairs, held)

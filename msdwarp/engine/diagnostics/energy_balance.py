@@ -41,6 +41,14 @@ class EnergyBalance(NamedTuple):
     within: float = 0.0
     """Scale of energies within the last frame, if known [J]: all may vanish at its end."""
 
+    @property
+    def scale(self) -> float:
+        """The scale of the energies [J]: at least the external work, whose error is of first order.
+
+        Motion of the whole body has a small weight, since it is not internal energy.
+        """
+        return max(self.inner + 0.05 * self.kinetic, abs(self.work))
+
 
 class EnergySums:
     """Computes the energy balance of a state, by sums that can be recorded.

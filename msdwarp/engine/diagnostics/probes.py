@@ -45,6 +45,7 @@ from ..stepping.assemble import Assembly
 from ..stepping.dynamics import Dynamics
 from ..stepping.stages import Stage
 from ..stepping.substep import take_stage
+from ..stepping.velocities import Velocities
 
 MOST_THREADS = 65536
 """Maximal number of summing threads on a GPU: enough to occupy it, few enough to combine quickly."""
@@ -342,3 +343,9 @@ def sensors_of(
     """Return the sensors that are read every "frame" or every "substep"; None if there are none."""
     requested = probes_by(every, dynamics.assembly.probes)
     return Sensors(dynamics, state, requested, readings, seconds, contact_forces) if requested else None
+
+
+def measure_substep(sensors: Sensors, dynamics: Dynamics, now: State, velocities: Velocities, k: int) -> None:
+    """Launch the probes that measure at the end of each substep."""
+    with dynamics.measuring():
+        sensors.launch(velocities.read() if sensors.moves else now.v, k)

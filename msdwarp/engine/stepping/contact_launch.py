@@ -73,7 +73,7 @@ class ContactLaunch:
         contact = before.Data()
         contact.data, contact.tree = effect.on_device
         contact.pairs, contact.numbers, contact.none = planes.pairs, numbers, effect.nothing
-        contact.buffer, contact.flags = neighbors.buffer, neighbors.flags
+        contact.buffer, contact.flags = neighbors.skin.on_device, neighbors.flags
         inputs = [dynamics.scene, stages_for(kernel, self._steps), substeps, whole(model, threads), contact]
         wp.launch(kernel, threads, inputs, device=model.device, block_dim=MOST_THREADS)
 
