@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 from typing import Any, Self
 
 import numpy as np
@@ -38,10 +39,7 @@ from ..integrators import Integrator, StepChoice
 from ..runtime import record, stop_if_asked
 from ..world import FRAME, SUBSTEP, Load, MouseSpring
 from .pinned_staging import PinnedStaging
-from .track import Track, Tracks, can_judge_late
-
-MANY = 3
-"""A frame that is repeated so often is warned of."""
+from .track import LONG, Track, Tracks, can_judge_late
 
 
 class Stepping:
@@ -244,13 +242,14 @@ class Stepping:
         fine = self._is_fine(track)
         self.dynamics.pace.learn(self.choice.substeps)
         # Every effect is asked. If a neighbour list was too short or too old, the frame is repeated.
-        repeats = 0
+        repeats, began = 0, perf_counter()
         while void := [effect for effect in self.assembly.all if effect.is_void()]:
             self.go_back()
             stop_if_asked()
             repeats += 1
-            if repeats == MANY:
+            if perf_counter() - began > LONG:
                 void[0].tell_repeats(time, repeats)
+                began = math.inf  # once
             self._take_frame(time, track)
             fine = self._is_fine(track)
         if self.frozen is not None:

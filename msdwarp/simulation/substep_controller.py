@@ -11,6 +11,7 @@ from ..engine import EnergyBalance, rounding_energy, size, weight
 from ..integrators import MOST_SUBSTEPS, StepChoice, UnstableStep
 from ..runtime import stop_if_asked
 from .stepping import Stepping
+from .track import LONG
 
 MOST_RISE = 0.02
 """Allowed rise of the energy above its minimum, as a fraction of the scale.
@@ -30,8 +31,8 @@ MOST_GAINED = 0.08
 """A run ends when its energy has risen above the floor by this fraction of the scale."""
 ROUNDED = 1e-4
 """Rounding errors exceed this fraction of the allowance only if they add up; one error is a tenth of it."""
-MOST_REFINEMENT, MUCH = 64.0, 16.0
-"""The largest refinement that is tried, and one that is warned of."""
+MOST_REFINEMENT = 64.0
+"""The largest refinement that is tried."""
 SAME = 0.7
 """If halving the step keeps more than this fraction of a rise, the rise is physical. Order 1 keeps half."""
 SLOW = 0.25
@@ -343,9 +344,8 @@ class StepController:
         too_early = self.quiet_frames < self.coarsen_after
         self.coarsen_after = min(2 * self.coarsen_after, MOST_PATIENCE) if too_early else PATIENCE
         self.quiet_frames = 0
-        before = self.refinement
         self.refinement = max(2 * self.refinement, 2 * stepping.choice.substeps / choice.substeps)
-        if before < MUCH <= self.refinement:
+        if self.refinement * choice.substeps * stepping.dynamics.pace.substep > LONG:
             self._tell_refinement(stepping.end)
         stepping = self._with_choice(stepping, choice.refined(self.refinement))
         return stepping, stepping.balance()

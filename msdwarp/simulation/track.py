@@ -10,6 +10,9 @@ from ..engine import Assembly, Backup, Effect, Found, State, Velocities
 _READ_AFTER_FRAME = ("energies_and_powers", "is_void")
 """Methods of effects with which the host reads the current state or the last frame."""
 
+LONG = 5.0
+"""A frame that takes so long, as it is repeated or refined, is warned of [s]."""
+
 
 class Track:
     """Data of a frame: backup, sums and recorded graphs. Consecutive frames alternate between two tracks."""

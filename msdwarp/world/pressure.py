@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import System, open_edges
+from ..bodies import Facets, System, open_edges
 from .loads import Load, values_at
 
 
@@ -58,6 +58,8 @@ class Pressure(Pressed):
 class EnclosedGas(Pressed):
     """A gas inside a closed surface: the pressure p obeys p V^γ = constant, with the volume V.
 
+    The surface is that of a balloon, or the walls of a cavity in a solid body: the gas pushes out of itself.
+
     Parameters
     ----------
     pressure
@@ -90,6 +92,12 @@ class EnclosedGas(Pressed):
         if self.volume is not None:
             checks.positive("volume", self.volume)
 
+    def facets(self, system: System) -> Facets:
+        """Return the surface triangles around the gas, turned to face out of it where they face into a cavity."""
+        found = super().facets(system)
+        turned = len(found.corner) and volume(found.corner, found.points(system.position)) < 0
+        return found._replace(corner=found.corner[:, ::-1]) if turned else found
+
     def check(self, system: System) -> None:
         """Raise ValueError if the load cannot act on this system."""
         super().check(system)
@@ -99,8 +107,8 @@ class EnclosedGas(Pressed):
                 f"on is {checks.repr_short(self.on)}; the surface there must be closed, and {count} of its "
                 "edges are not between two triangles"
             )
-        if (enclosed := volume(facets.corner, facets.points(system.position))) <= 0:
-            raise ValueError(f"on encloses {enclosed:.3g} m³; it must be above 0, with triangles that face out")
+        if volume(facets.corner, facets.points(system.position)) == 0:
+            raise ValueError("on encloses 0 m³; it must be above 0")
 
     def bound(self, system: System) -> Self:
         """Return the gas with its reference volume set: by default the volume in this system."""

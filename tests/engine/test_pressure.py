@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from msdwarp import EnclosedGas, Plane, Pressure, Simulation, box, chain, icosphere, sheet, shell
+from msdwarp import EnclosedGas, Material, Plane, Pressure, Simulation, box, chain, icosphere, sheet, shell, voxels
 from msdwarp.engine.diagnostics.rate_bounds import rate_bounds
 from msdwarp.world import volume
 
@@ -98,3 +98,18 @@ def test_the_bound_knows_the_gas(plain_device):
 def test_pressure_is_refused_by_name(system, load, message):
     with pytest.raises(ValueError, match=message):
         Simulation(system, loads=[load()], device="cpu")
+
+
+def test_gas_in_a_cavity_pushes_its_walls_apart_as_a_pressure_does():
+    cells = np.ones((4, 4, 4), dtype=int)
+    cells[1:3, 1:3, 1:3] = 0
+    hollow = voxels(cells, 0.05, materials={1: Material(density=300.0, youngs_modulus=1e5)})
+    walls = (abs(hollow.position) < 0.06).all(axis=1)
+    # At constant pressure: so much air outside, as thin as the gas, that its volume hardly counts.
+    loads = Pressure(-200.0, on=walls), EnclosedGas(200.0, outside=0.0, exponent=1e-9, on=walls)
+    gauges = [Simulation(hollow, loads=[one], gravity=0.0, device="cpu", precision="float64") for one in loads]
+    for one in gauges:
+        one.step(2)
+    given, gas = (one.frame().position for one in gauges)
+    assert np.ptp(given[walls, 0]) > 0.1 + 1e-6
+    np.testing.assert_allclose(gas, given, atol=1e-10)  # V^γ differs from 1 by less than 1e-9 of the displacement

@@ -289,7 +289,7 @@ def test_a_frame_ends_early_whose_lists_have_no_room(monkeypatch):
 
 
 def test_that_a_frame_is_repeated_is_told(monkeypatch):
-    monkeypatch.setattr(stepping, "MANY", 1)
+    monkeypatch.setattr(stepping, "LONG", 0.0)
     simulation = seam()
     with pytest.warns(StepWarning, match=r"from 0 s on .* begun 2 times.* spacings in a substep .*Actuator"):
         simulation.step()

@@ -27,7 +27,7 @@ from .cpu_partition import CpuPartition, threads_for
 from .pace import Pace
 from .per_stage import PerStage, column_count, of_each_world
 from .persistent import launch_persistent
-from .repetition import ON_CPU, ON_GPU, repeat, repetitions
+from .repetition import ON_CPU, ON_GPU, repeat
 from .stages import Stage, StageArrays
 from .world_differences import differences, fill_world_data, threads_at_a_time
 
@@ -287,7 +287,7 @@ class Dynamics:
                 self._per_stage.note(method)
         if partition is not None:
             note(wait_for_all)
-        if in_frames and self.repeated and repetitions(self.steps.substeps, self.repeated):
+        if in_frames and self.repeated:
             note(count_down)
 
     def has_parts_before(self, stage: Stage) -> bool:
