@@ -134,3 +134,12 @@ def test_readings_say_which_probes_they_are_of():
     assert repr(simulation.readings) == "Readings({'end': times and values of 0 readings})"
     simulation.step(3)
     assert repr(simulation.readings) == "Readings({'end': times and values of 3 readings})"
+
+
+def test_an_ensemble_says_in_what_its_worlds_differ():
+    ensemble = msd.Ensemble(msd.chain(2), 3, stiffness=[1, 2, 3], mass=[1, 2, 3], device="cpu", substeps=4)
+    assert repr(ensemble).splitlines() == [
+        "<Ensemble of 3 worlds of 2 particles, which differ in stiffness, mass",
+        "  4 substeps a frame at 60 frames a second, on cpu",
+        "  at 0 s, frame 0>",
+    ]

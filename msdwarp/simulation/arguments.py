@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..bodies import LIMITS, System
+from ..bodies import LIMITS, NONE, System
 from ..integrators import MOST_SUBSTEPS
 from ..world import Actuator, Change, Load, Problem, StrainRows
 
@@ -111,10 +111,30 @@ def parameter_rows(problem: Problem, system: System, worlds: int, given: Mapping
             "delay is given beside strain; only one of them may be: a strain that is a function of time has the "
             "delays of worlds in itself"
         )
+    _warn_of_cells(problem.system, system, rows)
     if "velocity" in rows:
         mass = rows.get("mass", system.mass[None])
         rows["velocity"] = _without_pinned(rows["velocity"], mass, np.ndim(given["velocity"]) == 2)
     return rows
+
+
+def _warn_of_cells(system: System, base: System, rows: Mapping[str, Any]) -> None:
+    """Warn if worlds, of a `base` and rows, change springs of a body with cells, whose cells stay as they are."""
+    cells = system.cells
+    if cells is None:
+        return
+    has_cells = np.zeros(system.particle_count, dtype=bool)
+    has_cells[cells.corners[cells.corners != NONE]] = True
+    inside = has_cells[system.connections].all(axis=1)
+    for name, of_cells in (("stiffness", "modulus"), ("damping", "damping")):
+        own, worlds = getattr(system, name)[inside], rows.get(name, [getattr(base, name)])
+        if getattr(cells, of_cells).any() and any((row[inside] != own).any() for row in worlds):
+            checks.warn(
+                f"{name} is that of springs; the {of_cells} of cells, which a material with poissons_ratio adds, "
+                "stays the scene's in all worlds. For another modulus or damping make a scene of its own, with "
+                "Material(youngs_modulus=..., damping_ratio=...)",
+                checks.StartWarning,
+            )
 
 
 def _in_rows(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:

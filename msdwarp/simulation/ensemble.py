@@ -20,7 +20,7 @@ from ..world import POSITION, VELOCITY, Actuator, Collider, Contact, Gravity, Lo
 from .arguments import frame_count, parameter_rows, problem_of
 from .checkpoint import saved_drives, saved_system, saved_worlds
 from .divergence_error import SimulationDiverged
-from .ensemble_results import dataset, import_xarray, observations
+from .ensemble_results import dataset, import_xarray, observations, single_numbers
 from .frames import advance
 from .properties import Present
 from .run import Run, check_supports
@@ -52,6 +52,7 @@ class Ensemble(Present):
         Number of worlds.
     stiffness, damping, rest_length
         [N/m], [N s/m] (or in the units of the law), [m]; shape [entries] or [entries, connection_count].
+        Cells and angles have none of their own.
     mass
         [kg], shape [entries] or [entries, particle_count]; inf pins a particle.
     position
@@ -94,6 +95,11 @@ class Ensemble(Present):
         contact of surfaces with obstacles, or loads that start from positions which differ between worlds.
     UnstableStep
         If `substeps` is too small for the stability of a world.
+
+    Warns
+    -----
+    StartWarning
+        If stiffness or damping differs from the scene's between particles of `Cells`, which keep theirs.
     """
 
     @in_turn
@@ -169,6 +175,14 @@ class Ensemble(Present):
             start.begun(), chooser, upload, energy_limit=energy_limit, blocks=threads, watches_energy=False
         )
         self.reset()
+
+    def __repr__(self) -> str:
+        differ = f", which differ in {', '.join(self._rows)}" if self._rows else ""
+        return (
+            f"<Ensemble of {self.worlds} worlds of {self.model.particle_count} particles{differ}\n"
+            f"  {self.substeps} substeps a frame at {self.fps:g} frames a second, on {self.device}\n"
+            f"  at {self.time:.4g} s, frame {self.frame_index}>"
+        )
 
     @exclusive
     def reset(self) -> None:
@@ -248,17 +262,7 @@ class Ensemble(Present):
     @property
     def numbers(self) -> dict[str, NDArray[np.float64]]:
         """Parameters that are one number per world, such as stiffness, shape [worlds]."""
-        each, found = np.arange(self.worlds), {}
-        for name, rows in self._rows.items():
-            if name == "gravity":
-                rows = -rows[:, -1:] if not rows[:, :-1].any() else rows  # downward gravity is one number
-            if name == "strain":
-                rows = rows.first[:, :0] if rows.varies else rows.first
-            elif name == "delay" and (rows == rows[..., :1]).all():
-                rows = rows[..., 0]
-            if rows.ndim == 2 and rows.shape[1] and (rows == rows[:, :1]).all():
-                found[name] = rows[each % len(rows), 0]
-        return found
+        return single_numbers(self._rows, self.worlds)
 
     @in_turn
     def velocity(self) -> wp.array:

@@ -176,3 +176,18 @@ def dataset(ensemble: Any, observed: list[Observation], times: list[float]) -> A
 def import_xarray() -> Any:
     """Return xarray; raise ValueError if it is not installed."""
     return checks.imported("xarray", "results of an ensemble need xarray: pip install 'msdwarp[ensemble]'")
+
+
+def single_numbers(parameters: Mapping[str, Any], worlds: int) -> dict[str, NDArray[np.float64]]:
+    """Return those of an ensemble's rows of parameters that are one number per world, shape [worlds]."""
+    each, found = np.arange(worlds), {}
+    for name, rows in parameters.items():
+        if name == "gravity":
+            rows = -rows[:, -1:] if not rows[:, :-1].any() else rows  # downward gravity is one number
+        if name == "strain":
+            rows = rows.first[:, :0] if rows.varies else rows.first
+        elif name == "delay" and (rows == rows[..., :1]).all():
+            rows = rows[..., 0]
+        if rows.ndim == 2 and rows.shape[1] and (rows == rows[:, :1]).all():
+            found[name] = rows[each % len(rows), 0]
+    return found

@@ -252,8 +252,8 @@ class Simulation(Present):
     ) -> None:
         """Change gravity, loads, contact, colliders, velocities, mass, stiffness, damping or rest_length.
 
-        A mass of inf pins a particle. A new velocity may add energy, which does not count as divergence. Automatic
-        substeps and the automatic algorithm are chosen again.
+        Cells and angles keep their stiffness. A mass of inf pins a particle. A new velocity may add energy, which
+        does not count as divergence. Automatic substeps and the automatic algorithm are chosen again.
 
         *Cost.* A new constant gravity takes about a millisecond, and so do loads if only their values change (the
         vector of a `Force`, the velocity and coefficients of `Wind`). New velocities are copied; with `Wind` the

@@ -87,7 +87,8 @@ def fit(
     parameters
         Names from stiffness, damping, rest_length, mass, friction, gravity; or a mapping from names to starting
         values, where None is the scene's value. If all springs (or free particles, or obstacles) have the same
-        value, the parameter is this value; otherwise it is a factor for all values.
+        value, the parameter is this value; otherwise it is a factor for all values. Stiffness and damping also
+        scale those of `Cells`, by the same factor.
     bounds
         (lower, upper) by parameter name. By default 1/10 to 10 times the starting value.
     noise

@@ -90,7 +90,7 @@ def fit_field(
     measured
         A `TrackedPoints`, a `Trajectory`, or the path of either; see `fit`.
     name
-        "stiffness", "damping", "rest_length" or "mass".
+        "stiffness", "damping", "rest_length" or "mass". `Cells` keep theirs.
     noise
         Standard deviation of measured coordinates [m].
     variation

@@ -13,7 +13,7 @@ from ..integrators import StepChoice, UnstableStep
 from ..simulation import Ensemble, Simulation, SimulationDiverged, observations
 from ..world import Probe, Scene
 from .measured import ON_FRAME, Channel
-from .parameters import Parameter, scene_with
+from .parameters import OF_CELLS, Parameter, scene_with
 
 MOST_CORNERS = 6
 """With more parameters than this one corner of the bounds, instead of all 2^n, determines the substeps."""
@@ -86,6 +86,12 @@ class Worlds:
         return [one.at_times(own, self.fps) for one, own in zip(self.channels, simulated, strict=True)]
 
     def _ensemble(self, values: NDArray[np.float64]) -> Ensemble:
+        """Return an ensemble with a world for each row of values; raise ValueError if it cannot do that."""
+        scaled = [one.name for one in self.parameters if one.name in OF_CELLS]
+        if scaled and self._scene.system.cells is not None:
+            raise ValueError(
+                f"{scaled[0]} scales cells as well as springs; worlds of an ensemble share their cells"
+            )
         rows: dict[str, Any] = {one.name: one.rows(values[:, k]) for k, one in enumerate(self.parameters)}
         return Ensemble(self._scene, len(values), **rows, **self._options)
 

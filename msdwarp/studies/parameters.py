@@ -20,6 +20,8 @@ UNITS = {
 }
 """Units of the parameters that may be fitted."""
 FACTOR = "times the scene's own"
+OF_CELLS = ("stiffness", "damping")
+"""Parameters that scale the cells of a material with a Poisson's ratio together with its springs."""
 REACH = 10.0
 """Default bounds are the starting value divided and multiplied by this factor."""
 
@@ -31,6 +33,8 @@ class Parameter:
     name: str
     pattern: NDArray[np.float64]
     """The values of springs, particles or obstacles for a parameter of 1; for gravity its direction."""
+    own: float
+    """The parameter's value in the scene; 1 for a factor."""
     start: float
     low: float
     high: float
@@ -60,6 +64,10 @@ def parameters_of(scene: Scene, requested: Any, bounds: Any) -> list[Parameter]:
     starts = dict(requested) if isinstance(requested, Mapping) else dict.fromkeys(requested)
     limits = dict(checks.mapping("bounds", bounds or {}))
     for name in starts:
+        if name == "youngs_modulus":
+            raise ValueError(
+                "a name in parameters is 'youngs_modulus'; 'stiffness' is its factor, of springs and cells"
+            )
         checks.one_of("a name in parameters", name, UNITS)
     if len(starts) < len(requested):
         raise ValueError(f"parameters is {checks.repr_short(requested)}; each must be named once")
@@ -84,7 +92,7 @@ def _parameter(scene: Scene, name: str, start: Any, limits: Any) -> Parameter:
         raise ValueError(
             f"bounds[{name!r}] is ({low:g}, {high:g}); both must be above 0, the start, {first:g}, between"
         )
-    return Parameter(name, pattern, first, float(low), float(high), unit)
+    return Parameter(name, pattern, own, first, float(low), float(high), unit)
 
 
 def _pattern(scene: Scene, name: str) -> tuple[NDArray[np.float64], float, str]:
@@ -118,6 +126,7 @@ def scene_with(scene: Scene, parameters: Sequence[Parameter], values: NDArray[np
     """Return the scene with these values of the parameters."""
     changes: dict[str, Any] = {}
     fields: dict[str, Any] = {}
+    times: dict[str, float] = {}
     for one, value in zip(parameters, values, strict=True):
         each = float(value) * one.pattern
         if one.name == "gravity":
@@ -127,4 +136,9 @@ def scene_with(scene: Scene, parameters: Sequence[Parameter], values: NDArray[np
             changes["colliders"] = [replace(c, friction=float(f)) for c, f in zip(obstacles, each, strict=True)]
         else:
             fields[one.name] = float(value) if one.is_one_number else each
+            if one.name in OF_CELLS and one.own > 0:
+                times[one.name] = float(value) / one.own
+    cells = scene.system.cells
+    if times and cells is not None:
+        fields["cells"] = cells.scaled(*(times.get(name, 1.0) for name in OF_CELLS))
     return replace(scene, system=scene.system.replace(**fields), **changes)

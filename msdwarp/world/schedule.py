@@ -182,9 +182,10 @@ def at(
         Acceleration of free fall [m/s²] of all particles from this time on; see `Simulation`.
     parameters
         mass [kg], stiffness [N/m], damping [N s/m], rest_length [m]: numbers, arrays for the group, or functions
-        of the old values, such as rest_length=lambda length: 1.2 * length. velocity [m/s]: a vector, one for each
-        particle of the group, shape [n, d], or a function; velocities of pinned and driven particles stay.
-        Functions are also tried when a simulation is made, except those of velocities.
+        of the old values, such as rest_length=lambda length: 1.2 * length. Cells and angles keep their stiffness
+        and damping. velocity [m/s]: a vector, one for each particle of the group, shape [n, d], or a function;
+        velocities of pinned and driven particles stay. Functions are also tried when a simulation is made, except
+        those of velocities.
     """
     if pin is not None:
         if group is not None or parameters or set_rest_shape:

@@ -274,6 +274,20 @@ def test_gravity_of_worlds_takes_the_place_of_a_function_of_time(plain_device):
     np.testing.assert_allclose(before - ensemble.frame().position[:, 0, 2], [fallen, 0.0], rtol=0, atol=1e-13)
 
 
+def test_springs_scaled_without_their_cells_are_told():
+    block = msd.box((2, 2, 2), 0.1, material=msd.JELLY)
+    both = block + msd.chain(3, 0.1, stiffness=50.0, damping=0.1).translate((0, 0, 1))
+    rope = np.arange(both.connection_count) >= block.connection_count
+    for own in ({"stiffness": np.outer([1, 2], both.stiffness)}, {"stiffness": 500.0}, {"damping": [0.1, 0.2]}):
+        with pytest.warns(
+            msd.StartWarning, match=f"{next(iter(own))} is that of springs; the (modulus|damping) of"
+        ):
+            msd.Ensemble(both, 2, device="cpu", **own)
+    # Nothing is told of a rope beside, nor of springs without cells.
+    msd.Ensemble(both, 2, device="cpu", stiffness=both.stiffness * np.where(rope, [[1], [2]], 1))
+    msd.Ensemble(block.replace(cells=None), 2, device="cpu", stiffness=[1e3, 2e3])
+
+
 def test_worlds_by_number():
     with pytest.raises(ValueError, match="stiffness differs among the connections of a direction"):
         msd.Ensemble(RESTING, WORLDS, stiffness=random(), force_algorithm="stencil", device="cpu")

@@ -12,6 +12,8 @@ from msdwarp import Contact, FitWarning, Probe, Scene, Simulation, TrackedPoints
 from msdwarp.studies.least_squares import Problem
 
 BOTH = ["stiffness", "damping"]
+NEAR = {"stiffness": (0.5, 2.0), "damping": (0.5, 2.0)}
+"""Bounds of factors."""
 FAR = (1.6 * STIFFNESS, 0.5 * DAMPING)
 """Where searches start."""
 
@@ -37,6 +39,24 @@ def test_a_hung_block_tells_its_stiffness_and_damping():
     assert found.residual_size["points"] < 1e-9  # m
     np.testing.assert_array_equal(found.scene.system.stiffness, found.values["stiffness"])
     assert "stiffness 200" in repr(found)
+
+
+def test_a_material_is_told_with_its_cells():
+    # Another modulus is another material, whose springs and cells `Material` makes itself; dampers go as its root.
+    def held(modulus, **own):
+        material = msd.Material(1000.0, modulus, 0.05, poissons_ratio=0.45)
+        body = msd.box((4, 2, 2), 0.05, material=material)
+        return Scene(system=body.pin(body.position[:, 0] < -0.07), **own)
+
+    start, true = held(6e4), held(8e4)
+    found = fit(start, tracked(true, 0.1), BOTH, horizon="whole", substeps=SUBSTEPS, bounds=NEAR, device="cpu")
+    assert found.values == pytest.approx({"stiffness": 4 / 3, "damping": (4 / 3) ** 0.5}, rel=EXACT)
+    assert "cells" in found.alone
+    assert start.system.cells is not None
+    assert true.system.cells is not None
+    assert found.scene.system.cells is not None
+    np.testing.assert_allclose(found.scene.system.cells.modulus, true.system.cells.modulus, rtol=EXACT)
+    np.testing.assert_allclose(found.scene.system.cells.damping, true.system.cells.damping, rtol=EXACT)
 
 
 @pytest.mark.parametrize(("jumps", "jagged"), [((), False), ((3e-4,), True), ((5e-7, -3e-4), True)])
