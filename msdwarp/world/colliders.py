@@ -26,8 +26,8 @@ class Collider(metaclass=Described):
     Parameters
     ----------
     restitution
-        Normal speed of a particle after a bounce divided by the speed before, 0 … 1. A body bounces higher, as its
-        springs also push it away, and its dampers decide by how much.
+        Normal speed of a particle after a bounce divided by the speed before, 0 … 1. It hardly changes how an
+        elastic body rebounds, as its springs also push it away: choose the body's damping for that.
     friction
         Coulomb's coefficient of friction; inf is allowed.
     tangential_factor
