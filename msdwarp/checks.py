@@ -208,10 +208,17 @@ def index_below(count: int) -> Limit:
     return lambda index: (index >= 0) & (index < count), f"an index from 0 to {count - 1}"
 
 
-def positive(name: str, value: float) -> float:
-    """Return `value` as a float; raise ValueError unless it is finite and above zero."""
+ONE_SIZE = "; from_mesh makes an ellipsoid, of pyvista.ParametricEllipsoid(a, b, c)"
+"""A hint where three sizes may be given for one."""
+
+
+def positive(name: str, value: float, hint: str = "") -> float:
+    """Return `value` as a float; raise ValueError unless it is finite and above zero.
+
+    The hint ends the message about what is no number.
+    """
     allowed = "a number above 0, and finite"
-    number = _real(name, value, allowed)
+    number = _real(name, value, allowed + hint)
     if not 0.0 < number < math.inf:
         raise ValueError(f"{name} is {number:g}; it must be {allowed}")
     if not SMALLEST <= number <= LARGEST:

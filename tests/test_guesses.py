@@ -29,6 +29,12 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
         (lambda: msd.Look(colour="#d9603b"), "Did you mean color?"),  # type: ignore[call-arg]
         (lambda: msd.Look(lens=3), "'lens'; it takes color, inside, texture, smooth"),  # type: ignore[call-arg]
         (lambda: msd.Ensemble(BODY, 2, restitution=[0, 1]), "Did you mean worlds, which may differ in stiffness,"),  # type: ignore[call-arg]
+        (
+            lambda: msd.Ensemble(BODY, 2, youngs_modulus=[1, 2]),
+            "Did you mean worlds, whose stiffness is factors[:",
+        ),  # type: ignore[call-arg]
+        (lambda: msd.Material(rho=1e3, youngs_modulus=1e6), "Did you mean density?"),  # type: ignore[call-arg]
+        (lambda: msd.chain(3, radius=0.1), "Did you mean area, that of the cross section?"),  # type: ignore[call-arg]
         (lambda: msd.Ensemble(BODY, 2, amplitude=[0, 1]), "Did you mean strain, a function of time, such as"),  # type: ignore[call-arg]
         (
             lambda: msd.film(SIMULATION, "a.webp", seconds=2.0),
@@ -57,6 +63,9 @@ SIMULATION = msd.Simulation(BODY, device="cpu")
         "look",
         "listed",
         "worlds",
+        "modulus",
+        "density",
+        "radius",
         "gait",
         "film",
         "renderer",
@@ -87,6 +96,12 @@ def test_keywords_lead_to_parameters(call, told):
         (SIMULATION, "run", "Did you mean step(frames)"),
         (SIMULATION, "probe", "Did you mean readings, of the argument probes?"),
         (SIMULATION, "tension", 'Did you mean readings, of a Probe([i, j], "tension")'),
+        (msd, "egg", "Did you mean from_mesh, of pyvista.ParametricEllipsoid"),
+        (msd, "to_gltf", "Did you mean msdwarp export FILE --to glb"),
+        (BODY, "mask", "Did you mean group(name), or pinned, which are masks?"),  # though mass is near
+        (SIMULATION, "t", "Did you mean time?"),
+        (SIMULATION.frame(), "x", "Did you mean position?"),
+        (msd.Ensemble(BODY, 2, device="cpu"), "film", "Did you mean simulation_of(k), which msdwarp.film,"),
         (msd, "spring_force", 'Did you mean Probe([i, j], "tension")'),
     ],
 )
@@ -99,7 +114,7 @@ def test_attributes_lead_to_names(of, name, told):
 
 def test_what_guesses_lead_to_is_there():
     owners = {"msdwarp": msd, "System": BODY, "Scene": msd.Scene(system=BODY)}
-    owners |= {"Ensemble": msd.Ensemble, "FitResult": msd.FitResult, "Modes": msd.Modes}
+    owners |= {"Frame": msd.Frame, "Ensemble": msd.Ensemble, "FitResult": msd.FitResult, "Modes": msd.Modes}
     for owner, texts in NAMES.items():
         of = owners.get(owner, SIMULATION)
         for text, guesses in texts.items():
@@ -109,7 +124,8 @@ def test_what_guesses_lead_to_is_there():
                 assert hasattr(of, first), text
             assert not [one for one in guesses.split() if hasattr(of, one)], text  # else it is no guess
     things = [thing for name in msd.__all__ if inspect.isfunction(thing := getattr(msd, name))]
-    classes = [msd.System, msd.Scene, msd.Simulation, msd.Ensemble, msd.Renderer, msd.Sphere, msd.Box, msd.Look]
+    classes = [msd.System, msd.Scene, msd.Simulation, msd.Ensemble, msd.Renderer, msd.Plane, msd.Box, msd.Look]
+    classes += [msd.Material]
     things += [*classes, *(one for cls in classes for one in vars(cls).values() if inspect.isfunction(one))]
     parameters = {one for thing in things for one in inspect.signature(thing).parameters}
     assert {re.split("[=,]", text)[0] for text in KEYWORDS} <= parameters
@@ -176,6 +192,19 @@ def test_a_part_has_a_name():
     assert BODY.named("start", low).named("all").named("same", "start").group("same").sum() == low.sum()
     with pytest.raises(ValueError, match=r"which is .*; it must name one particle at least"):
         BODY.named("start", lambda x: x[:, 0] > 9)
+
+
+def test_what_one_number_cannot_do_leads_to_what_can():
+    for call in (lambda: msd.ball((0.1, 0.1, 0.2), 0.03), lambda: BODY.scale((1, 1, 1.3))):  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match=r"; from_mesh makes an ellipsoid, of pyvista\.ParametricEllipsoid"):
+            call()
+    ensemble = msd.Ensemble(BODY, 2, device="cpu")
+    with pytest.raises(TypeError, match=r"the Ensemble has no items; simulation_of\(k\) is a world"):
+        ensemble[1]
+    with pytest.raises(ValueError, match=r"shown is an Ensemble; .* ensemble\.simulation_of\(0\)"):
+        msd.film(ensemble, "a.webp")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="'youngs_modulus'; 'stiffness' is its factor"):
+        msd.fit(msd.Scene(system=BODY), {"energy": ([0.1], [1.0])}, ["youngs_modulus"])
 
 
 def test_a_file_leads_from_a_mesh_to_a_volume():

@@ -261,7 +261,8 @@ class System(Regional):
         """Return this system with some fields changed; the others are shared.
 
         New fields are checked, together with fields that must match them. A new rest length also replaces the
-        original length, unless that is given. Raises ValueError as the class does, TypeError for an unknown name.
+        original length, unless that is given. Stiffness and damping are those of springs: cells and angles keep
+        theirs. Raises ValueError as the class does, TypeError for an unknown name.
         """
         known = vars(self)
         for name in changes:
@@ -299,7 +300,7 @@ class System(Regional):
         By default its centre of mass stays in place; scale(0.001, about=(0, 0, 0)) converts from millimetres.
         Masses, constants and velocities stay as they are: make a body of a material in its final size instead.
         """
-        factor = checks.positive("factor", factor)
+        factor = checks.positive("factor", factor, checks.ONE_SIZE)
         centre = self.center_of_mass if about is None else checks.broadcast("about", about, (self.dim,))
         rest, original = (factor * one for one in (self.rest_length, self.original_length))
         cells, position = self.cells and self.cells.enlarged(factor), centre + factor * (self.position - centre)

@@ -17,7 +17,13 @@ from cyclopts import (
 )
 
 _KINDS: dict[Any, str] = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
-_MEANT: dict[str | None, str] = {"--seconds": "--duration", "--time": "--duration", "--length": "--duration"}
+_MEANT: dict[str | None, str] = {
+    **dict.fromkeys(("--seconds", "--time", "--length"), "--duration"),
+    "--film": "--video",
+    "--movie": "--video",
+    "--fit": "--parameters",
+    "--format": "--to",
+}
 """Names that other programs have for a flag."""
 _NO_ROOM = re.compile("start new thread|shared library|shared object|allocat", re.IGNORECASE)
 """What libraries say where the address space is too small."""
@@ -86,16 +92,22 @@ def _wrong(error: CycloptsError) -> str:
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         if any(token.keyword for token in error.argument.tokens) or getattr(error, "keyword", None):
             return f"{error.argument.name} needs a value"
-        return f"{error.argument.name} is missing"
+        guess = next((one for one in error.unused_tokens or () if _MEANT.get(one) == error.argument.name), None)
+        return f"{error.argument.name} is missing" if guess is None else _unknown(guess)
     if isinstance(error, CoercionError) and error.msg is None and error.token is not None and error.target_type:
         name = error.token.keyword or (error.argument.name if error.argument is not None else "")
         return f"{name.lstrip('-')} is {error.token.value!r}; it must be {allowed(error.target_type)}"
     if isinstance(error, UnknownOptionError):
         word, known = error.token.keyword, [name for one in error.argument_collection for name in one.names]
-        if (meant := _MEANT.get(word)) in known:
-            return f"unknown option: {word}. Did you mean {meant}?"
+        if _MEANT.get(word) in known:
+            return _unknown(word)
     text = str(error).removesuffix(".")
     return text[:1].lower() + text[1:]
+
+
+def _unknown(option: str | None) -> str:
+    """Return a message about an option that other programs have."""
+    return f"unknown option: {option}. Did you mean {_MEANT[option]}?"
 
 
 def allowed(kind: Any) -> str:

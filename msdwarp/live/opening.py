@@ -97,7 +97,8 @@ def scene_of(shown: object) -> tuple[Simulation | Trajectory, Scene]:
     if isinstance(shown, Trajectory):
         stored = shown.scene
         return shown, Scene(system=shown.system) if stored is None else scene_from_stored(shown.system, *stored)
-    checks.instance("shown", shown, Simulation, "Simulation.from_scene(scene), a Scene, a Trajectory or its file")
+    such_as = "Simulation.from_scene(scene), ensemble.simulation_of(0), a Scene, a Trajectory or its file"
+    checks.instance("shown", shown, Simulation, such_as)
     assert isinstance(shown, Simulation)
     contact = [one for one in shown.loads if isinstance(one, Contact)]
     around = {"colliders": shown.colliders, "loads": shown.loads, "contact": contact, "gravity": shown.gravity}

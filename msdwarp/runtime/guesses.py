@@ -27,13 +27,28 @@ KEYWORDS = {
     "stiffness": "k ke ks spring_constant spring_stiffness",
     "damping": "b c d kd damping_coefficient",
     _MATERIAL: "density rho young young_modulus youngs_modulus E Y poisson poissons_ratio nu",
+    "worlds, whose stiffness is factors[:, None] * system.stiffness: without cells these scale Young's modulus": (
+        "youngs_modulus young young_modulus E"
+    ),
+    "youngs_modulus": "young young_modulus E Y",
+    "poissons_ratio": "nu poisson",
+    "density": "rho",
+    "radius": "r",
+    "offset": "height level z",
+    "worlds": "n num count num_worlds n_worlds num_envs",
+    "velocity, a vector, or a function of time": "speed direction gust",
+    "force": "value vector",
+    "motion, a function of time": "path trajectory velocity",
+    "count, which is the length over the spacing plus one": "length",
+    "area, that of the cross section": "radius diameter",
+    "fps, of the film: in slow motion it is below that of the frames": "slow_motion slowmo",
     "mass": "m mass_per_particle weight",
     "shape": "size dims dimensions n_particles resolution half_extents extents",
-    "spacing": "dx h cell_size edge_length quad_size pitch",
+    "spacing": "dx h cell_size edge_length quad_size pitch size",
     "count": "n num segments",
     "system": "body bodies objects",
     "colliders": "obstacles ground floor walls",
-    "loads": "forces force muscles",
+    "loads": "forces force muscles wind",
     "turn": "rotation orientation",
     "duration, while fps is an argument of Simulation, run and film": "fps frame_rate",
     "probes": "sensors",
@@ -59,7 +74,7 @@ KEYWORDS = {
     "distance": "zoom camera_distance",
     "azimuth, elevation, distance and target": "camera view viewpoint",
     _GAIT: "amplitude frequency phase gait actuation actuators",
-    _WORLDS: "density youngs_modulus poissons_ratio restitution damping_ratio break_strain",
+    _WORLDS: "density poissons_ratio restitution damping_ratio break_strain parameters cells",
 }
 """What an unknown keyword may mean: a parameter, perhaps with more words, and the guesses that lead to it.
 
@@ -67,6 +82,13 @@ Only parameters that a function has are named; the text may go on after the name
 """
 NAMES: dict[str, dict[str, str]] = {
     "msdwarp": {
+        "cloth or sheet, with Wind": "flag",
+        "from_mesh, of pyvista.ParametricEllipsoid(a, b, c)": "egg ellipsoid",
+        "from_mesh, of pyvista.ParametricTorus(ringradius=..., crosssectionradius=...)": "torus",
+        "Material(density=..., youngs_modulus=...), or CORK": "WOOD",
+        "Wind": "Fan",
+        "fit, to a measured motion, sweep, or Simulation.gradient": "optimize calibrate minimize",
+        "sweep": "grid_search",
         "chain": "rope string cable line beads",
         "ball, which is a body, or Sphere, an obstacle": "sphere",
         "box": "cube cuboid block brick grid3d",
@@ -106,6 +128,13 @@ NAMES: dict[str, dict[str, str]] = {
         "System.with_velocity": "Throw",
         "the fields break_force and break_strain of a System": "Tear Breaking Break Fracture max_force",
         "the argument probes of Scene and Simulation, whose readings it keeps": "record",
+        "run(scene, out), which stores all frames, or TrajectoryWriter": "Recorder write save",
+        "msdwarp export FILE --to glb, or usd, in a shell, of a run that msdwarp.run has stored": (
+            "export export_gltf to_gltf to_usd export_usd"
+        ),
+        "Renderer(scene, positions).image(positions), an array of pixels": (
+            "image picture still save_image screenshot"
+        ),
         "TrackedPoints, for fit": "Measurement",
         "modes": "eigenmodes eigenfrequencies normal_modes",
         "Simulation.settle, or Scene(settled=True)": "settle relax",
@@ -131,6 +160,12 @@ NAMES: dict[str, dict[str, str]] = {
     "System": {
         "translate": "move shift set_position",
         "pin": "fix anchor clamp freeze hold",
+        "position, by which a mask is made, such as system.position[:, 2] < 0.1": "where",
+        "pinned, which is False where a particle is free": "free",
+        "group(name), or pinned, which are masks": "mask",
+        "replace(mass=...), or at(time, unpin=...) in a schedule": "unpin",
+        "msdwarp.Look(color=...), in the argument look of Scene": "color colour",
+        "cells, if not None, whose volumes(position) sum to it": "volume",
         "position": "positions x points vertices q xpos coords pos",
         "velocity": "velocities v vel qvel",
         "mass": "masses m",
@@ -167,6 +202,8 @@ NAMES: dict[str, dict[str, str]] = {
         "step(frames), or frames(duration), which yields them": (
             "run advance simulate forward play integrate stepSimulation mj_step"
         ),
+        "problem, with system, colliders and loads": "scene",
+        "time": "t",
         "frame().position": "position x points qpos",
         "frame().velocity": "velocity velocities v qvel",
         _ALL: "energy kinetic_energy potential_energy elastic_energy total_energy momentum get_energy",
@@ -191,12 +228,17 @@ NAMES: dict[str, dict[str, str]] = {
         ),
     },
     "Ensemble": {
+        "step() and frame(), or run(duration, observe={...})": "frames",
+        "simulation_of(k), which msdwarp.film, msdwarp.view and others take": (
+            "film video show view render plot draw record"
+        ),
         "run(duration, observe={...}), which observes probes and energies by world": (
             "readings measure probe probes tension force forces energy kinetic_energy elastic_energy"
         ),
         "frame().position": "x points qpos",
-        "system_of(world), or simulation_of(world)": "snapshot system systems simulation world",
+        "system_of(world), or simulation_of(world)": "snapshot system systems simulation world scene_of scene",
     },
+    "Frame": {"position": "x q points positions pos", "velocity": "v velocities", "time": "t"},
     "FitResult": {"standard_deviations": "uncertainty uncertainties errors std stderr sigma"},
     "Modes": {"frequencies [Hz]": "omega omegas eigenvalues omega_n", "shapes": "vectors eigenvectors modes"},
 }

@@ -51,7 +51,7 @@ def ball(
     neighbors, material, mass, total_mass, stiffness, damping
         As for `box`.
     """
-    radius = checks.positive("radius", radius)
+    radius = checks.positive("radius", radius, checks.ONE_SIZE)
     spacing = fine_enough(spacing, {"radius": radius}, [2 * radius] * 3)
     columns = _columns(radius, spacing, _AROUND_BALL)
     latitude = np.linspace(-math.pi / 2, math.pi / 2, columns // 2 + 1)

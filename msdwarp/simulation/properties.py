@@ -26,6 +26,11 @@ class Present(ReleasedInTurn):
         kind, instead = type(self).__name__, "use checkpoint and restore, or make another with the same arguments"
         raise TypeError(f"the {kind} cannot be copied or pickled; {instead}")
 
+    def __getitem__(self, index: object) -> NoReturn:
+        """Refuse an index, which would be that of a world or of a frame."""
+        instead = "simulation_of(k) is a world of an ensemble, and frame() the present frame"
+        raise TypeError(f"the {type(self).__name__} has no items; {instead}")
+
     @property
     def stepping(self) -> Stepping:
         """The worlds on their device, and the method that advances them."""
