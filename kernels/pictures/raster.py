@@ -149,7 +149,7 @@ def light_on_ground(view: Surroundings, shadows: DepthMap, x: float, y: float, a
     way = view.corner + x * view.across + y * view.down
     t, _uv = meets_ground(view, way)
     if t > 0.0 and view.shadows == 1:
-        return lit_fraction(shadows, view.eye + t * way, view.ground_normal, around)
+        return lit_fraction(shadows, view.eye + t * way, view.ground_normal, x, y, around)
     return 1.0
 
 
@@ -242,7 +242,8 @@ def shade_triangle(
         least = above - wp.abs(wp.dot(to_right, heights)) - wp.abs(wp.dot(downwards, heights))
     lit = float(1.0)
     if view.shadows == 1 and face >= body.first_shaded and wp.dot(upright, view.light) > 0.0:
-        lit = lit_fraction(shadows, view.eye + weights[0] * a + weights[1] * b + weights[2] * c, normal, around)
+        spot = view.eye + weights[0] * a + weights[1] * b + weights[2] * c
+        lit = lit_fraction(shadows, spot, normal, x, y, around)
     finish = body.finishes[body.finish[face]]
     bright, glint, opacity = light_on(view, finish, body.gloss[face], upright, ray, lit, above)
     return bright, glint, lit, color, at, across, down, above, least, turn, opacity

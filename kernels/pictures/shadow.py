@@ -7,13 +7,14 @@ from ..basis import kernel
 BLOCK = 8
 """Edge of a block of the shadow map, in texels."""
 
-LEAST, MOST = 1.25, 12.0
+LEAST, MOST = 1.25, 24.0
 """Least and largest sampling radius around a point, in texels: half the width of a shadow's edge at a contact, and
 far from one. The largest stays within the blocks that are checked around a point."""
 STEEPEST = 6.0
 """Limit of the slopes of surfaces along the light, so that rounding casts no shadows."""
-FIRST = 8
-"""Points of the light that are sampled first; the others follow only if some, but not all, of these are hidden."""
+SAMPLES, FIRST = 16, 8
+"""Points of the light that a pixel samples, and how many of these first; the others follow only if some, but not
+all, of the first are hidden. Each of 2 x 2 pixels samples others, so that soft edges have no visible steps."""
 
 
 @wp.struct
@@ -28,7 +29,9 @@ class DepthMap:
     depth: wp.array2d(dtype=float)  # distance towards the light of the first surface [m], shape [size, size]
     around: wp.array2d(dtype=wp.vec4)  # maximum over a block and the blocks around it, shape [size / BLOCK] * 2
     softness: float  # radius of the light over its distance
-    spots: wp.array(dtype=wp.vec2)  # points of the light, a disc of radius 1, evenly spread as `light.spread` does
+    spots: wp.array(
+        dtype=wp.vec2
+    )  # points of the light, a disc of radius 1, by `light.spread`, shape [4 · SAMPLES]
 
 
 @wp.func
@@ -124,10 +127,11 @@ def hidden(shadows: DepthMap, at: wp.vec3, slope: wp.vec2, aside: wp.vec2) -> in
 
 
 @wp.func
-def lit_fraction(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: float) -> float:
+def lit_fraction(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, x: float, y: float, around: float) -> float:
     """Return the fraction of the key light that reaches a point [m] of a plane with a normal of any length.
 
-    The sampling radius grows with the height of possible occluders above the point, plus `around` texels.
+    It is seen at (x, y) in the picture. The sampling radius grows with the height of possible occluders above the
+    point, plus `around` texels; with these only 0 and 1 are meant exactly.
     """
     at = in_map(shadows, spot) + wp.vec3(0.5, 0.5, 0.0)
     size = float(shadows.depth.shape[0])
@@ -153,11 +157,14 @@ def lit_fraction(shadows: DepthMap, spot: wp.vec3, normal: wp.vec3, around: floa
     # The map is empty near its edge, so little is missed there.
     radius = wp.min(radius, to_edge - 0.5)
     at[2] = at[2] + margin
+    start = wp.static(SAMPLES) * (2 * (int(y) % 2) + int(x) % 2)
     count = int(0)
     for k in range(wp.static(FIRST)):
-        count += hidden(shadows, at, slope, radius * shadows.spots[k])
+        count += hidden(shadows, at, slope, radius * shadows.spots[start + k])
     if count > 0 and count < wp.static(FIRST):
-        for k in range(wp.static(FIRST), shadows.spots.shape[0]):
-            count += hidden(shadows, at, slope, radius * shadows.spots[k])
-        return 1.0 - float(count) / float(shadows.spots.shape[0])
+        if around > 0.0:
+            return 0.5
+        for k in range(wp.static(FIRST), wp.static(SAMPLES)):
+            count += hidden(shadows, at, slope, radius * shadows.spots[start + k])
+        return 1.0 - float(count) / wp.static(float(SAMPLES))
     return 1.0 - float(count) / wp.static(float(FIRST))

@@ -130,7 +130,7 @@ class Actors:
         if len(points) and ground is not None:
             self._clip_at_ground(points, ground)
         if shadows:
-            self._map.follow(points)
+            self._map.follow(points, ground)
         self._shading.follow(shadows=shadows)
         if ground is None:
             return points

@@ -124,7 +124,13 @@ class OpenGL:
     def _picture(self, part: tuple[int, int, int, int]) -> NDArray[np.uint8]:
         """Render and blend over the ground within `part`: first row and column, numbers of rows and columns."""
         plotter, (height, width) = self._plotter, self._fine.shape
-        plotter.renderer.ResetCameraClippingRange()
+        # All layers have one camera, which must see the shadows on the ground as well.
+        ranges = []
+        for layer in plotter.render_window.GetRenderers():
+            layer.ResetCameraClippingRange()
+            ranges.append(plotter.camera.clipping_range)
+        near, far = zip(*ranges, strict=True)
+        plotter.camera.clipping_range = min(near), max(far)
         plotter.render()
         plotter.render_window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, self._read)
         wp.copy(self._pixels, self._backdrop)

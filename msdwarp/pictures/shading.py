@@ -14,7 +14,7 @@ from .shadow_map import SIZE, ShadowMap
 from .stage import Ground
 
 TAPS = 4
-"""Texels of the shadow map sampled for a fragment; four neighbouring fragments sample different ones."""
+"""Texels of the shadow map sampled for a fragment; 4 x 4 neighbouring fragments sample different ones."""
 
 
 def _of_fragments(numbers: np.ndarray) -> str:
@@ -26,6 +26,9 @@ def _of_fragments(numbers: np.ndarray) -> str:
 _POINTS = spread(4 * TAPS).reshape(4, TAPS, 2)
 _RINGS = np.linalg.norm(_POINTS, axis=-1)
 _START = np.pad(_POINTS[:, 0] / _RINGS[:, :1], ((0, 0), (0, 2)))
+# Four fragments are a pixel of a picture; those beside it sample points that are turned.
+_TURN = 4 * TAPS * GOLDEN * np.arange(4)
+_TURNS = np.stack([np.cos(_TURN), np.sin(_TURN), -np.sin(_TURN), np.cos(_TURN)], axis=1)
 _COS, _SIN = np.cos(GOLDEN), np.sin(GOLDEN)
 
 _DECLARED = f"""
@@ -58,7 +61,8 @@ float keyLight(vec3 at, float facing)
   bool inLight = lampUnits.z == 0.0 || above <= margin || max(inMap.x, inMap.y) > 0.5;
   float radius = clamp({SOFTNESS} * above, {shadow.LEAST} * lampUnits.y, {shadow.MOST} * lampUnits.y);
   ivec2 fragment = ivec2(gl_FragCoord.xy) & 1;
-  vec2 aside = oneOf(fragment, {_of_fragments(_START)}).xy;
+  vec4 turn = oneOf((ivec2(gl_FragCoord.xy) >> 1) & 1, {_of_fragments(_TURNS)});
+  vec2 aside = mat2(turn.xy, turn.zw) * oneOf(fragment, {_of_fragments(_START)}).xy;
   vec4 rings = oneOf(fragment, {_of_fragments(_RINGS)});
   float lit = inLight ? 1.0 : 0.0;
   // Processors skip loops, while they go both ways at an if.

@@ -13,14 +13,13 @@ from .stage import Ground
 
 SIZE = 768
 """Texels along an edge: about as fine as pictures of 1280 x 720 pixels, whose width bodies seldom fill."""
-BLOCKS, REACH = SIZE // shadow.BLOCK, 2
-"""Blocks of texels along an edge; rings of blocks around each that are included in its maximum."""
-SAMPLES = 16
-"""Texels that kernels sample at the soft edge of a shadow."""
-MARGIN = 14
+BLOCKS, REACH = SIZE // shadow.BLOCK, math.ceil(shadow.MOST / shadow.BLOCK) + 1
+"""Blocks of texels along an edge; rings of blocks around each that are included in its maximum: those within the
+largest sampling radius, and one more, since kernels interpolate between blocks."""
+EDGE = shadow.MOST + 1
+"""Half the largest width of soft edges of shadows, in texels."""
+MARGIN = EDGE + 1
 """Empty texels around the drawing, so that soft edges of shadows end inside the map."""
-EDGE = 13.0
-"""Width of soft edges of shadows, in texels."""
 STEPS = 4
 """Number of map sizes per doubling: few, so that the size seldom changes between frames."""
 
@@ -44,7 +43,8 @@ class ShadowMap:
         self.data.u, self.data.v, self.data.towards = (wp.vec3(*axis) for axis in self.axes)
         self.data.depth = wp.zeros((SIZE, SIZE), dtype=float, device="cpu")
         self.data.around = wp.zeros((BLOCKS, BLOCKS), dtype=wp.vec4, device="cpu")
-        self.data.softness, self.data.spots = SOFTNESS, wp.array(spread(SAMPLES), dtype=wp.vec2, device="cpu")
+        self.data.softness = SOFTNESS
+        self.data.spots = wp.array(spread(4 * shadow.SAMPLES), dtype=wp.vec2, device="cpu")
         self.depth, self.around = self.data.depth.numpy(), self.data.around.numpy()  # the same memory
 
     @property
@@ -75,22 +75,33 @@ class ShadowMap:
             [reach * onward[:, 1] - ahead * outwards[:, 1], ahead * outwards[:, 0] - reach * onward[:, 0]], axis=1
         )
         corners = (corners / turn) @ self.axes[:2] + self.corner[2] * self.axes[2]
-        height = (corners - ground.centre) @ ground.normal
-        return corners - height[:, None] * (self.axes[2] / (self.axes[2] @ ground.normal))
+        return corners - self._above(corners, ground)[:, None] * self.axes[2]
 
-    def follow(self, points: NDArray) -> None:
-        """Draw the map of the drawing, with some points in view [m], shape [any, 3]."""
+    def _above(self, points: NDArray, ground: Ground) -> NDArray:
+        """Return the distances of points from the ground along the light [m]."""
+        upwards = ground.normal / (self.axes[2] @ ground.normal)
+        return points @ upwards.astype(points.dtype) - ground.centre @ upwards
+
+    def follow(self, points: NDArray, ground: Ground | None = None) -> None:
+        """Draw the map of the drawing, with some points in view [m], shape [any, 3], above a ground."""
         along = points @ self.axes.T.astype(np.float32)
         low, high = along.min(axis=0).astype(float), along.max(axis=0).astype(float)
         extent = max(*(high - low)[:2], 1e-6 * float(np.abs(along).max()), 1e-30) * SIZE / (SIZE - 2 * MARGIN)
+        if ground is not None:
+            # A small body far above the ground has a wide shadow: its sharpest edge is within the sampling radius.
+            extent = max(extent, SIZE * SOFTNESS * float(self._above(points, ground).min()) / shadow.MOST)
         self.width = 2.0 ** (math.ceil(STEPS * math.log2(extent)) / STEPS)
         # Move by whole texels, so that edges of shadows do not shimmer while the square follows the bodies.
         middle = np.round((low + high) / 2 / self.texel) * self.texel
         self.corner = middle - np.array([self.width / 2, self.width / 2, 0.0])
         data = self.data
         data.corner, data.scale = wp.vec3(*self.corner), 1 / self.texel
-        # Empty texels count as a surface far below everything.
-        data.depth.fill_(-2.0 * float(high[2] - low[2] + self.width))
+        # Empty texels count as a surface far below everything, also below the ground.
+        below = 2.0 * float(high[2] - low[2] + self.width)
+        if ground is not None:
+            square = self.corner + self.width * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+            below = max(below, float(self._above(square @ self.axes, ground).max()) + self.width)
+        data.depth.fill_(-below)
         inputs = [self._drawing.points, self._triangles, self._closed]
         wp.launch(shadow.draw_depth, len(self._triangles), inputs, [data], device="cpu")
         rows = self.depth.reshape(BLOCKS, shadow.BLOCK, SIZE).max(axis=1)

@@ -80,7 +80,7 @@ class Rasteriser:
         if len(points):  # a stage may be empty
             changed = points
             if shadows:
-                self._map.follow(points)
+                self._map.follow(points, self._stage.ground)
                 if self._stage.ground is not None:
                     changed = np.concatenate([points, self._map.on_ground(points, self._stage.ground, AROUND)])
             of_glass = self._drawing.points.numpy()[self._glass]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from backends import BACKENDS
 
-from msdwarp import Box, Look, Plane, Scene, Sphere, box
+from msdwarp import Box, Look, Plane, Scene, Sphere, ball, box
 from msdwarp.pictures import Renderer
 from msdwarp.pictures.drawing import Drawing
 from msdwarp.pictures.shadow_map import SIZE, ShadowMap
@@ -115,6 +115,24 @@ def test_the_ground_takes_soft_shadows(backend):
     share = (lit / bare)[lit < bare]
     assert share.min() == pytest.approx(0.66, abs=0.02)  # full shadow; two steps of 255 at most by rounding
     assert np.count_nonzero((share > 0.72) & (share < 0.94)) > 100  # and an edge that fades
+
+
+@pytest.mark.parametrize("backend", SHADOW_MAPS)
+@pytest.mark.parametrize("height", [0.6, 1.0])
+def test_a_shadow_far_below_a_small_body_is_as_rays_say(backend, height):
+    body = ball(radius=0.1, spacing=0.05).translate((0, 0, height))
+    scene = Scene(system=body, colliders=[Plane()])
+    seen = np.array([body.position, body.position - (0, 0, height - 0.1)])
+    darkness = []
+    for one in (backend, "raycast"):
+        renderer = Renderer(scene, seen, resolution=(400, 225), backend=one)
+        images = [renderer.bare(body.position, shadows=shown).astype(int) for shown in (False, True)]
+        darkness.append((images[0] - images[1]).sum(axis=2))
+    mapped, cast = darkness
+    # In soft edges, most of the shadow, a pixel's light is a mean over 16 points, of which 8 are looked at first:
+    # it is known to an eighth, and the whole, in which pixels look at different points, to half of that.
+    assert mapped.sum() == pytest.approx(cast.sum(), rel=1 / 16)
+    assert np.abs(mapped - cast).sum() < cast.sum() / 8
 
 
 @pytest.mark.parametrize("backend", SHADOW_MAPS)
