@@ -12,7 +12,7 @@ CONTRAST = wp.constant(0.08)
 """Pixels whose neighbours differ by more are refined."""
 TILE = wp.constant(8)
 """Edge in pixels of the squares that consecutive threads draw, so that their rays are coherent."""
-Six = wp.types.vector(6, wp.float32)
+Five = wp.types.vector(5, wp.float32)
 
 
 @wp.func
@@ -39,11 +39,11 @@ def cast(through_glass: bool):
     ):
         """Draw the picture with one ray through each pixel's centre, and one from the hit towards the light.
 
-        Each of 2 x 2 pixels samples another point of the light.
+        A pixel and the four that share an edge with it sample five points of the light.
         """
         row, column = place(wp.tid(), image.shape[1])
         if row < image.shape[0] and column < image.shape[1]:
-            spot = 2 * (row % 2) + column % 2
+            spot = (2 * row + column) % FIRST_SAMPLES
             color, lit = shade_ray(body, glass, view, float(column) + 0.5, float(row) + 0.5, spot, 1)
             color = within_one(color)
             image[row, column] = wp.vec4(color[0], color[1], color[2], lit)
@@ -68,10 +68,9 @@ def choose(
     right = image[row, wp.min(column + 1, image.shape[1] - 1)]
     above = image[wp.max(row - 1, 0), column]
     below = image[wp.min(row + 1, image.shape[0] - 1), column]
-    askew = image[wp.min(row + 1, image.shape[0] - 1), wp.min(column + 1, image.shape[1] - 1)]
     pixel = image.shape[1] * row + column
-    # These neighbours have sampled all four points of the light.
-    lit = Six(here[3], left[3], right[3], above[3], below[3], askew[3])
+    # These pixels have sampled all first points of the light.
+    lit = Five(here[3], left[3], right[3], above[3], below[3])
     if wp.max(lit) > 0.5 and wp.min(lit) < 0.5:
         chosen[0, wp.atomic_add(count, 0, 1)] = pixel
     elif wp.length(right[:3] - left[:3]) + wp.length(below[:3] - above[:3]) > CONTRAST:

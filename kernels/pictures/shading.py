@@ -52,7 +52,7 @@ class Surroundings:
     light: wp.vec3  # unit vector towards the middle of the key light
     light_u: wp.vec3  # point (a, b) of the light, a disc of radius 1, is towards light + a light_u + b light_v
     light_v: wp.vec3
-    spots: wp.array(dtype=wp.vec2)  # sampling points of the key light: four to detect penumbras, then the others
+    spots: wp.array(dtype=wp.vec2)  # sampling points of the key light: five to detect penumbras, then the others
     towards_viewer: wp.vec3  # unit vector against the direction of view: towards the headlight
     fill_from: wp.vec3  # unit vector towards the fill light
     background: wp.vec3  # color in 0 … 1
@@ -88,7 +88,7 @@ MIRRORS = 0.05
 GAP = wp.constant(1.0e-4)
 """Offset of a shadow ray's start from the surface, over the distance of the camera: well above the rounding of
 float32, and less than a tenth of a pixel."""
-FIRST_SAMPLES = wp.constant(4)
+FIRST_SAMPLES = wp.constant(5)
 """Points of the light that adjacent pixels sample, one each, to detect penumbras."""
 FACING_AWAY = wp.constant(0.5)
 """Value for the visible fraction of the key light on surfaces that face away from it."""

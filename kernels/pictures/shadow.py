@@ -29,9 +29,7 @@ class DepthMap:
     depth: wp.array2d(dtype=float)  # distance towards the light of the first surface [m], shape [size, size]
     around: wp.array2d(dtype=wp.vec4)  # maximum over a block and the blocks around it, shape [size / BLOCK] * 2
     softness: float  # radius of the light over its distance
-    spots: wp.array(
-        dtype=wp.vec2
-    )  # points of the light, a disc of radius 1, by `light.spread`, shape [4 · SAMPLES]
+    spots: wp.array(dtype=wp.vec2)  # points of the light, a disc of radius 1, shape [4 · SAMPLES]: `light.spread`
 
 
 @wp.func

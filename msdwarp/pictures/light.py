@@ -51,9 +51,9 @@ SHADED = 0.12
 SOFTNESS = 0.05
 """Radius of the key light, a disc, over its distance: at a distance d behind an edge a shadow fades in over 2 d of
 this."""
-CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
-"""Corners of the square around the key light, sampled first: a straight edge that hides none or all of them hides
-none or all of the light."""
+CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [0.0, 0.0]])
+"""Corners of the square around the key light, and its centre, sampled first: a straight edge that hides none or
+all of the corners hides none or all of the light; what looks smaller than the light may hide the centre alone."""
 GOLDEN = np.pi * (3 - np.sqrt(5))
 """The golden angle [rad]."""
 

@@ -73,6 +73,17 @@ def test_the_shadow_of_a_sphere_has_its_centre_and_its_radius(place):
             assert shares[2] == pytest.approx(0.5, abs=0.2)
 
 
+def test_a_sphere_that_looks_smaller_than_the_light_hides_its_share(place):
+    covers = 0.8  # of the light's radius, seen from the floor
+    light = pictured([], device=place)[0].stage.camera.light
+    way = CENTRE[2] / light[2]
+    ball = msd.Sphere(tuple(CENTRE), covers * SOFTNESS * way)
+    renderer, image = pictured([ball], size=(640, 480), device=place)
+    foot = CENTRE - way * light
+    # On a CPU a pixel samples 16 points of the light, of which two may be on either side of the rim. Bytes: 0.01.
+    np.testing.assert_allclose(lit_share(renderer, image, foot[None]), 1 - covers**2, atol=2 / 16 + 0.01)
+
+
 def test_nothing_is_dark_where_nothing_hides_the_light():
     renderer, image = pictured([], size=(160, 120))
     along = np.linspace(-1.3, 1.5, 8)  # not on the edges of the floor's squares, of 1 m
