@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connectivity import pieces
-from .facets import FINE, different_vertices, open_edges, sides_of, with_lattice_facets
+from .facets import FINE, different_vertices, open_edges, sides_of, with_lattice_facets, with_particles
 from .selection import mask_of
 from .system import System
 
@@ -89,10 +89,7 @@ def contact_surfaces(system: System, shape: NDArray[np.float64] | None = None) -
     first = len(particle)
     vertex_of = np.full(system.particle_count, -1)
     vertex_of[bare] = first + np.arange(len(bare))
-    alone = np.zeros((len(bare), particle.shape[1]))
-    alone[:, 0] = 1.0
-    particle = np.concatenate([particle, np.repeat(bare[:, None], particle.shape[1], axis=1)])
-    weight = np.concatenate([weight, alone])
+    particle, weight = with_particles(particle, weight, bare)
     body = body_of[particle[:, 0]]
     near = system.between_neighbors
     pairs = system.connections if near is None else system.connections[near]

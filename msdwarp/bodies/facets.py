@@ -143,14 +143,18 @@ def with_lattice_facets(
     vertex_of[own] = np.count_nonzero(kept) + np.arange(len(own))
     triangles = number[triangles[~fine[body[triangles[:, 0]]]]]
     halves = vertex_of[cell[:, [[0, 1, 3], [0, 3, 2]]]].reshape(-1, 3)
-    alone = np.zeros((len(own), particle.shape[1]))
-    alone[:, 0] = 1.0
-    repeated = np.repeat(own[:, None], particle.shape[1], axis=1)
-    return (
-        np.concatenate([particle[kept], repeated]),
-        np.concatenate([weight[kept], alone]),
-        np.concatenate([triangles, halves]),
-    )
+    particle, weight = with_particles(particle[kept], weight[kept], own)
+    return particle, weight, np.concatenate([triangles, halves])
+
+
+def with_particles(
+    particle: NDArray[np.int64], weight: NDArray[np.float64], added: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return vertices, as particles and their weights, followed by particles that are vertices themselves."""
+    own = np.zeros((len(added), particle.shape[1]))
+    own[:, 0] = 1.0
+    repeated = np.repeat(added[:, None], particle.shape[1], axis=1)
+    return np.concatenate([particle, repeated]), np.concatenate([weight, own])
 
 
 def _cells(particles: NDArray[np.int64], connections: NDArray[np.integer], count: int) -> NDArray[np.int64]:

@@ -318,7 +318,7 @@ class NeighborList:
         most = flags.max(axis=0, initial=0.0)
         full = most[PAIRS] > len(self.planes.pairs.vertices) or most[NEAR_FACETS] > 0.0
         return (
-            most[MOVED] <= 0.5 * self.skin.width
+            self.skin.holds(most[MOVED])
             and not full
             and not self._overflows(*most[[LONGEST_ROW, MOST_BODY_PAIRS]])
         )
@@ -343,7 +343,7 @@ class NeighborList:
             return False
         highest = flags.max(axis=0)[[MOVED, PATH, NEAR_PATH, LONGEST_ROW, MOST_BODY_PAIRS]]
         moved, path, near_path, longest, body_pairs = highest.tolist()
-        held = moved <= 0.5 * self.skin.width
+        held = self.skin.holds(moved)
         if self.skin.choose(path, near_path, moved, self.overruns.following):
             self.invalidate()
         overflown = self._overflows(longest, body_pairs)

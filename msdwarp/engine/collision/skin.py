@@ -47,6 +47,10 @@ class Skin:
         self.check_every = self._seldom = CHECK_EVERY if model.device.is_cuda else 1
         """Substeps between decisions whether to search."""
 
+    def holds(self, moved: float) -> bool:
+        """Return whether lists stay valid if a vertex moves so far [m], beside any further slack."""
+        return moved <= 0.5 * self.width
+
     def choose(self, path: float, near_path: float, moved: float, overruns: int) -> bool:
         """Choose both for the next frame; return whether the width changed.
 
@@ -59,7 +63,7 @@ class Skin:
             self.check_every = 1
         elif narrowest < 0.5 * self.widest:
             self.check_every = self._seldom
-        held = moved <= 0.5 * self.width
+        held = self.holds(moved)
         foreseen = max(MOST_BETWEEN * near_path, 0.0 if held else moved)
         wanted = min(self.widest, max(self.least, SKIN_BY_PATH * foreseen))
         if not held and overruns >= FEW_OVERRUNS:  # others each time: then all get more
